@@ -1,0 +1,410 @@
+//! The body: everything the engine reads, immutable and checked once.
+
+use crate::curve::{Curve, Extension};
+use crate::error::{BodyError, Result};
+use crate::response::{Mixture, Response, Responses};
+use crate::search::{Search, point};
+use crate::surface::{Element, MAX_ELEMENTS, NO_TWIN, Surface, check_area, check_normals, check_position};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// A node: where it is, which way in, and whose responses it mixes.
+#[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct Node {
+    /// At rest, m.
+    pub position: DVec3,
+    /// Unit vector u^z into the body.
+    pub inward: DVec3,
+    /// Weights of the test points, ≥ 0. Their sum is 1, or less towards a border where the response fades out.
+    pub weights: [f64; 3],
+    /// Test points.
+    pub test_points: [u32; 3],
+    padding: u32,
+}
+
+/// Whose responses a node mixes (MODEL 1: area interpolation between test points, the paper's Fig. 7).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NodeMix {
+    /// Up to three test points; unused ones repeat another with weight 0.
+    pub test_points: [u32; 3],
+    /// Weights ≥ 0 with sum 1 (0 to 1 at a fading border).
+    pub weights: [f64; 3],
+}
+
+impl NodeMix {
+    /// A node that is itself test point `t`.
+    pub fn own(t: u32) -> Self {
+        NodeMix { test_points: [t; 3], weights: [1.0, 0.0, 0.0] }
+    }
+}
+
+/// The slip rule a body asks for (MODEL 4).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[non_exhaustive]
+pub enum SlipRule {
+    /// The seed paper's section 3.2: slip while f_r exceeds the friction limit, along the projection of u_r.
+    #[default]
+    Paper,
+}
+
+/// The tool that a body's responses were found for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Tool {
+    /// What it is called, e.g. `point` or `sphere`.
+    pub shape: String,
+    /// Radius of the sphere whose centre is the reference point, m; 0 for a tool whose tip is the reference point.
+    pub radius_m: f64,
+}
+
+impl Tool {
+    /// A tip without extent.
+    pub fn point() -> Self {
+        Tool { shape: "point".into(), radius_m: 0.0 }
+    }
+
+    /// A sphere; a pose gives its centre.
+    pub fn sphere(radius_m: f64) -> Self {
+        Tool { shape: "sphere".into(), radius_m }
+    }
+}
+
+/// Where a body came from.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Provenance {
+    /// The command line.
+    pub command: String,
+    /// Name and version of the program.
+    pub software: String,
+    /// The spec's text, if there was one.
+    pub spec: Option<String>,
+    /// SHA-256 of each input file, by name.
+    pub inputs: BTreeMap<String, String>,
+    /// What was repaired or assumed on the way.
+    pub notes: Vec<String>,
+}
+
+/// What a body is made of.
+#[derive(Debug, Clone)]
+pub struct BodyParts {
+    /// Geometry and frames.
+    pub surface: Surface,
+    /// One for each node.
+    pub mixes: Vec<NodeMix>,
+    /// One for each test point, all on shared knots.
+    pub responses: Vec<Response>,
+    /// The node each test point sits on.
+    pub test_point_nodes: Vec<u32>,
+    /// The tool the responses hold for.
+    pub tool: Tool,
+    /// The slip rule.
+    pub slip: SlipRule,
+    /// Where it all came from.
+    pub provenance: Provenance,
+}
+
+/// A deformable body at rest with its responses: immutable, shared by every contact on it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Body {
+    pub(crate) nodes: Vec<Node>,
+    pub(crate) elements: Vec<Element>,
+    pub(crate) search: Search,
+    pub(crate) responses: Responses,
+    pub(crate) vertices: Vec<u32>,
+    pub(crate) curves: Vec<Response>,
+    pub(crate) test_point_nodes: Vec<u32>,
+    pub(crate) tool: Tool,
+    pub(crate) slip: SlipRule,
+    pub(crate) provenance: Provenance,
+}
+
+impl Body {
+    /// Checks the parts against each other and lays them out for the step.
+    ///
+    /// # Errors
+    /// Anything that [`Node`], [`Element`] or [`Response`] promise and a part does not keep; the place names it.
+    pub fn new(parts: BodyParts) -> Result<Self> {
+        let BodyParts { surface, mixes, responses, test_point_nodes, tool, slip, provenance } = parts;
+        check_surface(&surface)?;
+        let bad = |place: String, problem: String, mend: &str| Err(BodyError::invalid(place, problem, mend));
+        if mixes.len() != surface.positions.len() {
+            return bad("nodes".into(), format!("{} mixes for {} nodes", mixes.len(), surface.positions.len()), "give one for each");
+        }
+        let fades = border_nodes(&surface);
+        for (n, mix) in mixes.iter().enumerate() {
+            if mix.test_points.iter().any(|&t| t as usize >= responses.len()) {
+                return bad(format!("node {n}"), "it names a test point that does not exist".into(), "make the body again");
+            }
+            let sum: f64 = mix.weights.iter().sum();
+            let least = if fades[n] { 0.0 } else { 1.0 - 1e-9 };
+            if !(mix.weights.iter().all(|&w| w >= 0.0) && sum >= least && sum <= 1.0 + 1e-9) {
+                return bad(format!("node {n}"), format!("its weights {:?} are negative or do not sum to 1", mix.weights), "make the body again");
+            }
+        }
+        if test_point_nodes.len() != responses.len() || test_point_nodes.iter().any(|&n| n as usize >= mixes.len()) {
+            return bad("test points".into(), "they do not match the responses and nodes".into(), "make the body again");
+        }
+        if !(tool.radius_m >= 0.0 && tool.radius_m <= 1.0) {
+            return bad("tool".into(), format!("its radius is {} m", tool.radius_m), "give a radius between 0 and 1 m");
+        }
+        let table = Responses::new(&responses)?;
+        let nodes = surface.positions.iter().zip(&surface.inward).zip(&mixes);
+        let nodes = nodes.map(|((&position, &inward), mix)| Node {
+            position,
+            inward,
+            weights: mix.weights,
+            test_points: mix.test_points,
+            padding: 0,
+        });
+        let nodes: Vec<Node> = nodes.collect();
+        let triangles: Vec<[u32; 3]> = surface.elements.iter().map(|e| e.nodes).collect();
+        let search = Search::build(&surface.positions, &triangles);
+        Ok(Body {
+            nodes,
+            elements: surface.elements,
+            search,
+            responses: table,
+            vertices: surface.vertices,
+            curves: responses,
+            test_point_nodes,
+            tool,
+            slip,
+            provenance,
+        })
+    }
+
+    /// Nodes.
+    pub fn nodes(&self) -> &[Node] {
+        &self.nodes
+    }
+
+    /// Elements.
+    pub fn elements(&self) -> &[Element] {
+        &self.elements
+    }
+
+    /// Mixed responses.
+    pub fn responses(&self) -> &Responses {
+        &self.responses
+    }
+
+    /// Curves of each test point.
+    pub fn curves(&self) -> &[Response] {
+        &self.curves
+    }
+
+    /// The node each test point sits on.
+    pub fn test_point_nodes(&self) -> &[u32] {
+        &self.test_point_nodes
+    }
+
+    /// Number of distinct vertices: nodes less those that creases doubled.
+    pub fn vertex_count(&self) -> usize {
+        self.vertices.iter().map(|&v| v as usize + 1).max().unwrap_or(0)
+    }
+
+    /// The tool the responses hold for.
+    pub fn tool(&self) -> &Tool {
+        &self.tool
+    }
+
+    /// The slip rule the body asks for.
+    pub fn slip(&self) -> SlipRule {
+        self.slip
+    }
+
+    /// Where the body came from.
+    pub fn provenance(&self) -> &Provenance {
+        &self.provenance
+    }
+
+    /// The curves of one node: the mix of its test points'.
+    ///
+    /// # Errors
+    /// No such node.
+    pub fn node_response(&self, node: usize) -> Result<Response> {
+        let Some(n) = self.nodes.get(node) else {
+            return Err(BodyError::invalid(format!("node {node}"), "there is no such node", "choose one in range"));
+        };
+        let mix = |curve: fn(&Response) -> &Curve| {
+            let terms: Vec<_> =
+                n.weights.iter().zip(n.test_points).map(|(&w, t)| (w, curve(&self.curves[t as usize]))).collect();
+            Curve::mix(&terms)
+        };
+        Ok(Response { normal: mix(|r| &r.normal)?, lateral: mix(|r| &r.lateral)?, friction: mix(|r| &r.friction)? })
+    }
+
+    /// The nodes of an element.
+    ///
+    /// # Real-time
+    /// O(1), never panics: an element that does not exist gives node 0 thrice.
+    #[inline]
+    pub fn element_nodes(&self, element: u32) -> [&Node; 3] {
+        let nodes = self.elements.get(element as usize).map_or([0; 3], |e| e.nodes);
+        nodes.map(|n| self.nodes.get(n as usize).unwrap_or(&NO_NODE))
+    }
+
+    /// The corner positions of an element, m.
+    ///
+    /// # Real-time
+    /// As [`Body::element_nodes`].
+    #[inline]
+    pub fn corners(&self, element: u32) -> [DVec3; 3] {
+        self.element_nodes(element).map(|n| n.position)
+    }
+
+    /// A point of the surface, m.
+    #[inline]
+    pub fn point(&self, at: crate::SurfacePoint) -> DVec3 {
+        point(self.corners(at.element), at.n)
+    }
+
+    /// The mixture of test points at a surface point.
+    #[inline]
+    pub fn mixture(nodes: [&Node; 3], n: [f64; 3]) -> Mixture {
+        Mixture::new(n, nodes.map(|n| &n.test_points), nodes.map(|n| &n.weights))
+    }
+
+    /// The neighbour across edge `edge` of `element`, and which edge of it that is.
+    ///
+    /// # Real-time
+    /// O(1), never panics.
+    #[inline]
+    pub fn across(&self, element: u32, edge: usize) -> Option<(u32, usize)> {
+        let twin = *self.elements.get(element as usize)?.twins.get(edge)?;
+        (twin != NO_TWIN).then_some((twin / 3, twin as usize % 3))
+    }
+
+    /// Visits the elements around a corner with the number of that corner in each, this one first; false if a border
+    /// runs through it. At most [`MAX_FAN`] are visited.
+    ///
+    /// # Real-time
+    /// Bounded, no allocation, never panics.
+    #[inline]
+    pub fn around(&self, element: u32, corner: usize, mut visit: impl FnMut(u32, usize)) -> bool {
+        let (mut e, mut c) = (element, corner);
+        for _ in 0..MAX_FAN {
+            visit(e, c);
+            match self.across(e, (c + 2) % 3) {
+                Some((next, _)) if next == element => return true,
+                Some((next, edge)) => (e, c) = (next, edge),
+                None => break,
+            }
+        }
+        // A border: the rest lies the other way round.
+        (e, c) = (element, corner);
+        for _ in 0..MAX_FAN {
+            match self.across(e, c) {
+                Some((next, edge)) if next != element => (e, c) = (next, (edge + 1) % 3),
+                _ => break,
+            }
+            visit(e, c);
+        }
+        false
+    }
+
+    /// Locks the memory that a step reads into RAM, so that no step waits for a page.
+    ///
+    /// # Errors
+    /// The operating system's limit on locked memory is too low.
+    pub fn lock_memory(&self) -> std::io::Result<()> {
+        let parts = [bytemuck::cast_slice(&self.nodes), bytemuck::cast_slice(&self.elements)];
+        for bytes in parts.into_iter().chain(self.responses.memory()).chain(self.search.memory()) {
+            crate::file::lock(bytes)?;
+        }
+        Ok(())
+    }
+}
+
+/// Elements around a vertex that are looked at; real meshes have 3 to 20.
+pub const MAX_FAN: usize = 256;
+
+const NO_NODE: Node =
+    Node { position: DVec3::ZERO, inward: DVec3::Z, weights: [0.0; 3], test_points: [0; 3], padding: 0 };
+
+/// What [`Surface::build`] promises, checked again for surfaces that come from a file.
+fn check_surface(surface: &Surface) -> Result<()> {
+    let Surface { positions, inward, elements, vertices } = surface;
+    let bad = |place: String, problem: &str| Err(BodyError::invalid(place, problem, "make the body again"));
+    if elements.is_empty() || elements.len() > MAX_ELEMENTS || vertices.len() != positions.len() {
+        return bad("surface".into(), "it has no elements, too many, or nodes without a vertex");
+    }
+    if let Some(n) = vertices.iter().position(|&v| v as usize >= positions.len()) {
+        return bad(format!("node {n}"), "it names a vertex that does not exist");
+    }
+    for (n, p) in positions.iter().enumerate() {
+        check_position(&format!("node {n}"), *p)?;
+    }
+    for (t, element) in elements.iter().enumerate() {
+        if element.nodes.iter().any(|&n| n as usize >= positions.len()) {
+            return bad(format!("element {t}"), "it names a node that does not exist");
+        }
+        check_area(t, element.nodes.map(|n| positions[n as usize]))?;
+    }
+    for (t, element) in elements.iter().enumerate() {
+        for i in 0..3 {
+            let twin = element.twins[i];
+            if twin == NO_TWIN {
+                continue;
+            }
+            let (other, j) = (twin as usize / 3, twin as usize % 3);
+            let Some(neighbour) = elements.get(other) else {
+                return bad(format!("element {t}"), "it names a neighbour that does not exist");
+            };
+            let here = |k: usize| positions[element.nodes[(i + k) % 3] as usize];
+            let there = |k: usize| positions[neighbour.nodes[(j + k) % 3] as usize];
+            if neighbour.twins[j] as usize != 3 * t + i || here(0) != there(1) || here(1) != there(0) || other == t {
+                return bad(format!("element {t}"), "it and its neighbour do not agree on their shared edge");
+            }
+        }
+    }
+    check_normals(inward, positions, elements)
+}
+
+/// Whether each node lies on a border.
+pub(crate) fn border_nodes(surface: &Surface) -> Vec<bool> {
+    let mut border = vec![false; surface.positions.len()];
+    for (e, i) in surface.border() {
+        let nodes = surface.elements[e].nodes;
+        border[nodes[i] as usize] = true;
+        border[nodes[(i + 1) % 3] as usize] = true;
+    }
+    border
+}
+
+/// Brings curves onto the union of their knots, exactly: what [`Responses`] asks for.
+///
+/// # Errors
+/// More than [`crate::curve::MAX_KNOTS`] different deflections.
+pub fn share_knots(responses: Vec<Response>) -> Result<Vec<Response>> {
+    let union = |curves: &mut dyn Iterator<Item = &Curve>| {
+        let mut knots: Vec<f64> = curves.flat_map(|c| c.knots().iter().copied()).collect();
+        knots.sort_by(f64::total_cmp);
+        knots.dedup();
+        knots
+    };
+    let depth = union(&mut responses.iter().flat_map(|r| [&r.normal, &r.friction]));
+    let lateral = union(&mut responses.iter().map(|r| &r.lateral));
+    responses
+        .into_iter()
+        .map(|r| {
+            Ok(Response {
+                normal: r.normal.on_knots(&depth)?,
+                friction: r.friction.on_knots(&depth)?,
+                lateral: r.lateral.on_knots(&lateral)?,
+            })
+        })
+        .collect()
+}
+
+/// A friction coefficient that does not depend on depth.
+///
+/// # Errors
+/// As [`Curve::through`].
+pub fn constant_friction(coefficient: f64, depth_max_m: f64) -> Result<Curve> {
+    Curve::through(&[0.0, depth_max_m], &[coefficient; 2], crate::Interpolation::Linear, Extension::Constant)
+}

@@ -1,0 +1,49 @@
+//! The deformable body: surface, nodal frames, force-deflection responses, and their file.
+//!
+//! A [`Surface`] (nodes with inward normals, elements with neighbours) and the [`Response`]s of its test points
+//! (normal and lateral force and friction against deflection, each a [`Curve`]) make a [`Body`]: immutable, checked
+//! once, shared by every contact. The engine reads it with [`Body::element_nodes`], [`Body::across`],
+//! [`Body::first_touch`], [`Body::nearest`] and the mixed [`Responses`]; none of these allocates, locks or panics.
+//!
+//! Meshes come from files ([`import`]) or from [`shape`]s, in metres from here on. Bodies are kept in safetensors
+//! files ([`Body::save`], [`Body::open`]).
+//!
+//! ```
+//! use palpate_body::{Body, BodyParts, Curve, Extension, Interpolation, NodeMix, Provenance, Response, SlipRule, Tool};
+//! use palpate_body::shape::Shape;
+//!
+//! let surface = Shape::Sphere { radius_mm: 30.0 }.surface(Default::default())?;
+//! let knots = [0.0, 4e-3, 8e-3]; // m
+//! let normal = Curve::through(&knots, &[0.0, 0.5, 2.0], Interpolation::Pchip, Extension::Linear)?; // N
+//! let lateral = Curve::through(&knots, &[0.0, 2.0, 4.0], Interpolation::Linear, Extension::Linear)?; // N
+//! let friction = Curve::through(&knots, &[0.3; 3], Interpolation::Linear, Extension::Constant)?;
+//! let body = Body::new(BodyParts {
+//!     mixes: vec![NodeMix::own(0); surface.positions().len()],
+//!     surface,
+//!     responses: vec![Response { normal, lateral, friction }],
+//!     test_point_nodes: vec![0],
+//!     tool: Tool::point(),
+//!     slip: SlipRule::Paper,
+//!     provenance: Provenance::default(),
+//! })?;
+//! assert_eq!(body.curves().len(), 1);
+//! # Ok::<(), palpate_body::BodyError>(())
+//! ```
+
+pub mod body;
+pub mod curve;
+pub mod error;
+pub mod file;
+pub mod import;
+pub mod repair;
+pub mod response;
+pub mod search;
+pub mod shape;
+pub mod surface;
+
+pub use body::{Body, BodyParts, Node, NodeMix, Provenance, SlipRule, Tool};
+pub use curve::{Curve, Extension, Interpolation};
+pub use error::{BodyError, Result};
+pub use response::{Mixture, Response, Responses, Sample};
+pub use search::{Nearest, SurfacePoint, Touch};
+pub use surface::{Element, NO_TWIN, Surface, TriangleMesh};

@@ -1,0 +1,328 @@
+//! Responses of test points, laid out for the step: one look-up for each knot row, one mix, one evaluation.
+
+use crate::curve::{Curve, Extension, Piece, check_knots};
+use crate::error::{BodyError, Result};
+use bytemuck::Zeroable;
+
+/// What a test point answers: MODEL 1's three functions of deflection.
+///
+/// Room is left beside them for responses that depend on the tool's orientation, torque curves and a lateral
+/// stiffness tensor: each would be a further field here and a further row kind in [`Responses`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Response {
+    /// f^z(δz), N: zero at zero, never decreasing.
+    pub normal: Curve,
+    /// f^r(δr), N: zero at zero, increasing.
+    pub lateral: Curve,
+    /// μ(δz) ≥ 0.
+    pub friction: Curve,
+}
+
+/// Shared knots, and the interval of a deflection in O(1).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Knots {
+    knots: Vec<f64>,
+    /// First interval of each of the equal bins that divide the knots' range.
+    bins: Vec<u16>,
+    bins_per_m: f64,
+}
+
+impl Knots {
+    /// # Errors
+    /// Knots that are not ascending from 0, or too many of them.
+    pub fn new(knots: &[f64]) -> Result<Self> {
+        check_knots(knots)?;
+        let end = knots[knots.len() - 1];
+        let narrowest = knots.windows(2).map(|k| k[1] - k[0]).fold(f64::INFINITY, f64::min);
+        // With bins no wider than the narrowest interval a look-up passes at most one knot; the cap keeps the table
+        // small, and then the pass is longer, never wrong.
+        let count = (end / narrowest).ceil().clamp(1.0, 4096.0) as usize;
+        let interval = |x: f64| knots.iter().skip(1).take_while(|&&k| x >= k).count();
+        let bins = (0..=count).map(|b| interval(end * b as f64 / count as f64 * (1.0 - 1e-12)) as u16).collect();
+        Ok(Knots { knots: knots.to_vec(), bins, bins_per_m: count as f64 / end })
+    }
+
+    /// The knots, m.
+    pub fn values(&self) -> &[f64] {
+        &self.knots
+    }
+
+    /// Interval that holds `x` ≥ 0 and the distance from its knot; the last interval is the extension.
+    ///
+    /// # Real-time
+    /// O(1); a value that is negative or not a number counts as 0.
+    #[inline]
+    pub fn locate(&self, x: f64) -> (usize, f64) {
+        let x = if x > 0.0 { x } else { 0.0 };
+        let bin = ((x * self.bins_per_m) as usize).min(self.bins.len().saturating_sub(1));
+        let mut i = self.bins.get(bin).copied().unwrap_or(0) as usize;
+        while let Some(&next) = self.knots.get(i + 1) {
+            if x < next {
+                break;
+            }
+            i += 1;
+        }
+        (i, x - self.knots.get(i).copied().unwrap_or(0.0))
+    }
+}
+
+/// Up to nine test points with weights: a point of an element, whose three nodes mix up to three test points each.
+#[derive(Debug, Clone, Copy)]
+pub struct Mixture {
+    terms: [(u32, f64); 9],
+    len: usize,
+}
+
+impl Mixture {
+    /// The mixture at area coordinates `n` of nodes that mix `points` with `weights`.
+    #[inline]
+    pub fn new(n: [f64; 3], points: [&[u32; 3]; 3], weights: [&[f64; 3]; 3]) -> Self {
+        let mut terms = [(0, 0.0); 9];
+        if points[0] == points[1] && points[0] == points[2] {
+            for j in 0..3 {
+                let weight = n[0] * weights[0][j] + n[1] * weights[1][j] + n[2] * weights[2][j];
+                terms[j] = (points[0][j], weight);
+            }
+            return Mixture { terms, len: 3 };
+        }
+        if weights[0][0] == 1.0 && weights[1][0] == 1.0 && weights[2][0] == 1.0 {
+            for l in 0..3 {
+                terms[l] = (points[l][0], n[l]);
+            }
+            return Mixture { terms, len: 3 };
+        }
+        for l in 0..3 {
+            for j in 0..3 {
+                terms[3 * l + j] = (points[l][j], n[l] * weights[l][j]);
+            }
+        }
+        Mixture { terms, len: 9 }
+    }
+
+    /// (test point, weight) pairs.
+    #[inline]
+    pub fn terms(&self) -> &[(u32, f64)] {
+        self.terms.get(..self.len).unwrap_or(&[])
+    }
+}
+
+/// Value, slope and integral of a mixed curve.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Sample {
+    /// N, or none for friction.
+    pub value: f64,
+    /// Per m.
+    pub slope: f64,
+    /// J.
+    pub energy: f64,
+}
+
+/// The depth row of a test point at one interval: f^z and μ over the same δz.
+#[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+struct DepthRow {
+    /// ∫f^z to the knot, then f^z's powers.
+    normal: [f64; 5],
+    /// μ's powers.
+    friction: [f64; 4],
+}
+
+/// ∫f^r to the knot, then f^r's powers.
+type LateralRow = [f64; 5];
+
+/// The responses of all test points, in power form over shared knots.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Responses {
+    depth: Knots,
+    lateral: Knots,
+    /// (test points × depth knots)
+    depth_rows: Vec<DepthRow>,
+    /// (test points × lateral knots)
+    lateral_rows: Vec<LateralRow>,
+}
+
+impl Responses {
+    /// Lays out `responses`, whose curves must share their knots.
+    ///
+    /// # Errors
+    /// No test point; curves on different knots; a normal curve that starts elsewhere than 0 or decreases; a lateral
+    /// one that does not increase; friction below 0. The place names the test point.
+    pub fn new(responses: &[Response]) -> Result<Self> {
+        let Some(first) = responses.first() else {
+            return Err(BodyError::invalid("responses", "there is no test point", "give at least one"));
+        };
+        let depth = Knots::new(first.normal.knots())?;
+        let lateral = Knots::new(first.lateral.knots())?;
+        let mut depth_rows = Vec::with_capacity(responses.len() * depth.knots.len());
+        let mut lateral_rows = Vec::with_capacity(responses.len() * lateral.knots.len());
+        for (t, r) in responses.iter().enumerate() {
+            r.check(depth.values(), lateral.values()).map_err(|(problem, mend)| {
+                BodyError::invalid(format!("test point {t}"), problem, mend)
+            })?;
+            let row = |p: &Piece| {
+                let [a, b, c, d] = p.coefficients;
+                [p.integral, a, b, c, d]
+            };
+            let friction = r.friction.pieces();
+            depth_rows.extend(r.normal.pieces().iter().zip(friction).map(|(n, f)| DepthRow { normal: row(n), friction: f.coefficients }));
+            lateral_rows.extend(r.lateral.pieces().iter().map(row));
+        }
+        Ok(Responses { depth, lateral, depth_rows, lateral_rows })
+    }
+
+    /// Number of test points.
+    pub fn len(&self) -> usize {
+        self.lateral_rows.len() / self.lateral.knots.len()
+    }
+
+    /// Never: a body has at least one test point.
+    pub fn is_empty(&self) -> bool {
+        self.lateral_rows.is_empty()
+    }
+
+    /// Shared knots of δz, m.
+    pub fn depth_knots(&self) -> &Knots {
+        &self.depth
+    }
+
+    /// Shared knots of δr, m.
+    pub fn lateral_knots(&self) -> &Knots {
+        &self.lateral
+    }
+
+    /// (5): the mixed normal curve and the mixed friction coefficient at δz.
+    ///
+    /// # Real-time
+    /// Bounded, no allocation, never panics.
+    #[inline]
+    pub fn normal_and_friction(&self, mixture: &Mixture, depth: f64) -> (Sample, Sample) {
+        let (interval, t) = self.depth.locate(depth);
+        let mut mixed = DepthRow::zeroed();
+        for &(point, weight) in mixture.terms() {
+            if let Some(row) = self.depth_rows.get(point as usize * self.depth.knots.len() + interval) {
+                for (m, r) in mixed.normal.iter_mut().zip(row.normal) {
+                    *m += weight * r;
+                }
+                for (m, r) in mixed.friction.iter_mut().zip(row.friction) {
+                    *m += weight * r;
+                }
+            }
+        }
+        let [a, b, c, d] = mixed.friction;
+        let friction = Sample { value: a + t * (b + t * (c + t * d)), slope: b + t * (2.0 * c + t * (3.0 * d)), energy: 0.0 };
+        (sample(mixed.normal, t), friction)
+    }
+
+    /// (5): the mixed lateral curve at δr ≥ 0.
+    ///
+    /// # Real-time
+    /// Bounded, no allocation, never panics.
+    #[inline]
+    pub fn lateral(&self, mixture: &Mixture, deflection: f64) -> Sample {
+        let (interval, t) = self.lateral.locate(deflection);
+        let mut mixed = [0.0; 5];
+        for &(point, weight) in mixture.terms() {
+            if let Some(row) = self.lateral_rows.get(point as usize * self.lateral.knots.len() + interval) {
+                for (m, r) in mixed.iter_mut().zip(row) {
+                    *m += weight * r;
+                }
+            }
+        }
+        sample(mixed, t)
+    }
+
+    /// Bytes that a step may read.
+    pub(crate) fn memory(&self) -> [&[u8]; 2] {
+        [bytemuck::cast_slice(&self.depth_rows), bytemuck::cast_slice(&self.lateral_rows)]
+    }
+}
+
+#[inline]
+fn sample([integral, a, b, c, d]: LateralRow, t: f64) -> Sample {
+    let [value, slope, energy] = Piece { integral, coefficients: [a, b, c, d] }.eval(t);
+    Sample { value, slope, energy }
+}
+
+impl Response {
+    fn check(&self, depth: &[f64], lateral: &[f64]) -> std::result::Result<(), (String, &'static str)> {
+        let fail = |problem: String, mend| Err((problem, mend));
+        if self.normal.knots() != depth || self.friction.knots() != depth || self.lateral.knots() != lateral {
+            return fail("its curves are on other knots".into(), "bring all curves onto shared knots");
+        }
+        if self.friction.extension() != Extension::Constant
+            || self.normal.extension() != Extension::Linear
+            || self.lateral.extension() != Extension::Linear
+        {
+            return fail("its curves go on wrongly past their end".into(), "forces go on linearly, friction stays constant");
+        }
+        for (name, curve, knots) in [("normal", &self.normal, depth), ("lateral", &self.lateral, lateral)] {
+            let scale = curve.value(knots[knots.len() - 1]).abs();
+            if curve.value(0.0) != 0.0 {
+                return fail(format!("its {name} force at zero deflection is {} N", curve.value(0.0)), "it must be 0");
+            }
+            let least = curve.least_slope();
+            if least < -1e-9 * scale / knots[knots.len() - 1] {
+                return fail(format!("its {name} force decreases ({least:.3} N/m)"), "forces must not decrease with deflection: smooth the samples");
+            }
+        }
+        if !(self.lateral.ordinates().iter().all(|b| b[3] > b[0])) {
+            return fail("its lateral force does not increase".into(), "the lateral force must grow with deflection");
+        }
+        let least = self.friction.least_value();
+        if least < 0.0 {
+            return fail(format!("its friction coefficient falls to {least:.3}"), "it must not be negative");
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::curve::Interpolation;
+    use proptest::prelude::*;
+
+    pub(crate) fn response(k: f64, mu: f64) -> Response {
+        let knots = [0.0, 1e-3, 2.5e-3, 7e-3];
+        let normal = Curve::through(&knots, &knots.map(|d| 100.0 * k * d * d), Interpolation::Pchip, Extension::Linear);
+        let lateral = Curve::through(&[0.0, 5e-3], &[0.0, k * 5e-3], Interpolation::Linear, Extension::Linear);
+        let friction = Curve::through(&knots, &[mu, mu, mu * 1.5, mu], Interpolation::Pchip, Extension::Constant);
+        Response { normal: normal.unwrap(), lateral: lateral.unwrap(), friction: friction.unwrap() }
+    }
+
+    #[test]
+    fn a_mix_is_the_weighted_sum_of_the_curves() {
+        let points = [response(400.0, 0.2), response(700.0, 0.4), response(550.0, 0.3)];
+        let table = Responses::new(&points).unwrap();
+        let n = [0.2, 0.5, 0.3];
+        let (p, w) = ([[0, 0, 0], [1, 1, 1], [2, 2, 2]], [[1.0, 0.0, 0.0]; 3]);
+        let mixture = Mixture::new(n, [&p[0], &p[1], &p[2]], [&w[0], &w[1], &w[2]]);
+        for i in 0..200 {
+            let d = i as f64 * 5e-5;
+            let (normal, friction) = table.normal_and_friction(&mixture, d);
+            let lateral = table.lateral(&mixture, d);
+            let sum = |f: &dyn Fn(&Response) -> f64| -> f64 { (0..3).map(|l| n[l] * f(&points[l])).sum() };
+            assert!((normal.value - sum(&|r| r.normal.value(d))).abs() < 1e-12);
+            assert!((normal.energy - sum(&|r| r.normal.integral(d))).abs() < 1e-15);
+            assert!((normal.slope - sum(&|r| r.normal.slope(d))).abs() < 1e-9);
+            assert!((friction.value - sum(&|r| r.friction.value(d))).abs() < 1e-12);
+            assert!((lateral.value - sum(&|r| r.lateral.value(d))).abs() < 1e-12);
+        }
+        let (outside, _) = table.normal_and_friction(&mixture, -1.0);
+        assert_eq!(outside.value, 0.0);
+    }
+
+    proptest! {
+        #[test]
+        fn locate_finds_the_interval(steps in prop::collection::vec(1e-6f64..1e-2, 1..40), at in 0.0f64..1.0) {
+            let mut knots = vec![0.0];
+            for h in steps { knots.push(knots[knots.len() - 1] + h); }
+            let table = Knots::new(&knots).unwrap();
+            for x in knots.iter().copied().chain([at * knots[knots.len() - 1], 1e9, -1.0, f64::NAN, f64::INFINITY]) {
+                let (i, _) = table.locate(x);
+                let want = knots.iter().skip(1).take_while(|&&k| x >= k).count();
+                prop_assert_eq!(i, want);
+            }
+        }
+    }
+}

@@ -1,0 +1,496 @@
+//! Where is the surface? A tree of boxes over the elements, for the first touch and the nearest point.
+//!
+//! The elements are sorted along a Hilbert curve and boxed in groups of eight, these again in groups of eight, and so
+//! on: the tree has no pointers and takes about 8 bytes an element. Queries walk it with a fixed stack: bounded,
+//! without allocation, without panics.
+
+use crate::body::Body;
+use glam::DVec3;
+
+const FANOUT: usize = 8;
+
+/// Levels that can occur: 8¹⁰ = 1.07e9 groups, with room to spare.
+const MAX_LEVELS: usize = 12;
+
+/// An axis-aligned box in f32, rounded outwards: half the memory, never too small.
+#[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+struct Box3 {
+    low: [f32; 3],
+    high: [f32; 3],
+}
+
+impl Box3 {
+    const EMPTY: Box3 = Box3 { low: [f32::INFINITY; 3], high: [f32::NEG_INFINITY; 3] };
+
+    fn include(&mut self, p: DVec3) {
+        for (axis, x) in p.to_array().into_iter().enumerate() {
+            // A cast rounds to nearest: one step further out holds the exact value.
+            self.low[axis] = self.low[axis].min((x as f32).next_down());
+            self.high[axis] = self.high[axis].max((x as f32).next_up());
+        }
+    }
+
+    fn join(&mut self, other: &Box3) {
+        for axis in 0..3 {
+            self.low[axis] = self.low[axis].min(other.low[axis]);
+            self.high[axis] = self.high[axis].max(other.high[axis]);
+        }
+    }
+
+    fn distance_squared(&self, p: DVec3) -> f64 {
+        let mut sum = 0.0;
+        for (axis, x) in p.to_array().into_iter().enumerate() {
+            let out = (self.low[axis] as f64 - x).max(x - self.high[axis] as f64).max(0.0);
+            sum += out * out;
+        }
+        sum
+    }
+
+    /// Whether a segment (middle, half extent) grown by `radius` may meet the box; by separating axes, so that
+    /// segments along an axis need no special case.
+    fn meets(&self, segment: &Segment, radius: f64) -> bool {
+        let low = DVec3::new(self.low[0] as f64, self.low[1] as f64, self.low[2] as f64);
+        let high = DVec3::new(self.high[0] as f64, self.high[1] as f64, self.high[2] as f64);
+        let half = (high - low) * 0.5 + DVec3::splat(radius);
+        let gap = segment.middle - (high + low) * 0.5;
+        let reach = segment.half.abs();
+        if gap.abs().cmpgt(half + reach).any() {
+            return false;
+        }
+        let cross = segment.half.cross(gap).abs();
+        let limit = DVec3::new(
+            half.y * reach.z + half.z * reach.y,
+            half.x * reach.z + half.z * reach.x,
+            half.x * reach.y + half.y * reach.x,
+        );
+        // Rounding must never separate what touches.
+        !cross.cmpgt(limit * (1.0 + 1e-9) + DVec3::splat(1e-15)).any()
+    }
+}
+
+struct Segment {
+    middle: DVec3,
+    half: DVec3,
+}
+
+/// The tree over a surface's elements.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Search {
+    /// Elements along the curve.
+    order: Vec<u32>,
+    /// Boxes of each level, the leaves' groups first.
+    levels: Vec<Vec<Box3>>,
+}
+
+/// A point of the surface: an element and area coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SurfacePoint {
+    /// Element.
+    pub element: u32,
+    /// Area coordinates (3) of its nodes; non-negative, sum 1.
+    pub n: [f64; 3],
+}
+
+/// The nearest surface point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Nearest {
+    /// Where.
+    pub at: SurfacePoint,
+    /// How far, m.
+    pub distance: f64,
+    /// Whether the query lies outside the body, by the pseudo-normal there (Bærentzen and Aanæs 2005).
+    pub outside: bool,
+}
+
+/// The first touch of a moving tip.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Touch {
+    /// Where on the surface.
+    pub at: SurfacePoint,
+    /// When, as a fraction of the way, in [0, 1].
+    pub fraction: f64,
+}
+
+impl Search {
+    pub fn build(positions: &[DVec3], triangles: &[[u32; 3]]) -> Self {
+        let mut bounds = Box3::EMPTY;
+        for p in positions {
+            bounds.include(*p);
+        }
+        let low = bounds.low.map(f64::from);
+        let size = (0..3).map(|i| bounds.high[i] as f64 - low[i]).fold(1e-9, f64::max);
+        let key = |t: &[u32; 3]| {
+            let centre: DVec3 = t.iter().map(|&n| positions[n as usize]).sum::<DVec3>() / 3.0;
+            let cell = |i: usize| ((centre[i] - low[i]) / size * ((1u64 << 20) - 1) as f64) as u32;
+            hilbert([cell(0), cell(1), cell(2)])
+        };
+        let mut keyed: Vec<(u64, u32)> = triangles.iter().enumerate().map(|(i, t)| (key(t), i as u32)).collect();
+        keyed.sort_unstable();
+        let order: Vec<u32> = keyed.into_iter().map(|(_, t)| t).collect();
+
+        let leaves = order.chunks(FANOUT).map(|group| {
+            let mut b = Box3::EMPTY;
+            for &n in group.iter().flat_map(|&t| &triangles[t as usize]) {
+                b.include(positions[n as usize]);
+            }
+            b
+        });
+        let mut levels: Vec<Vec<Box3>> = vec![leaves.collect()];
+        while let Some(below) = levels.last().filter(|l| l.len() > 1) {
+            let above = below.chunks(FANOUT).map(|group| {
+                let mut b = Box3::EMPTY;
+                group.iter().for_each(|other| b.join(other));
+                b
+            });
+            let above = above.collect();
+            levels.push(above);
+        }
+        Search { order, levels }
+    }
+
+    /// Bytes that a step may read.
+    pub fn memory(&self) -> impl Iterator<Item = &[u8]> {
+        self.levels.iter().map(|l| bytemuck::cast_slice(l)).chain([bytemuck::cast_slice(&self.order)])
+    }
+
+    /// Visits elements whose group's box has a key below the bound, the nearest groups first. `visit` returns the
+    /// new bound.
+    #[inline]
+    fn walk(&self, mut bound: f64, key: impl Fn(&Box3) -> f64, mut visit: impl FnMut(u32, f64) -> f64) {
+        // Each level leaves at most FANOUT - 1 siblings waiting.
+        let mut stack = [(0.0f64, 0u32, 0u32); MAX_LEVELS * FANOUT];
+        let Some(top) = self.levels.len().checked_sub(1) else { return };
+        set(&mut stack, 0, (0.0, top as u32, 0));
+        let mut len = 1;
+        while len > 0 {
+            len -= 1;
+            let Some(&(k, level, group)) = stack.get(len) else { return };
+            if k > bound {
+                continue;
+            }
+            let first = group as usize * FANOUT;
+            if level == 0 {
+                for &element in self.order.iter().skip(first).take(FANOUT) {
+                    bound = visit(element, bound);
+                }
+                continue;
+            }
+            let Some(below) = self.levels.get(level as usize - 1) else { return };
+            let mut children = [(f64::INFINITY, 0u32); FANOUT];
+            let mut count = 0;
+            for (i, b) in below.iter().enumerate().skip(first).take(FANOUT) {
+                let k = key(b);
+                if k <= bound {
+                    // Insertion, the farthest first: the stack then gives the nearest.
+                    let mut at = count;
+                    while let Some(&before) = at.checked_sub(1).and_then(|i| children.get(i)).filter(|c| c.0 < k) {
+                        set(&mut children, at, before);
+                        at -= 1;
+                    }
+                    set(&mut children, at, (k, i as u32));
+                    count += 1;
+                }
+            }
+            for &(k, i) in children.iter().take(count) {
+                set(&mut stack, len, (k, level - 1, i));
+                len += 1;
+            }
+        }
+    }
+}
+
+impl Body {
+    /// The surface point nearest to `p`, if one is nearer than `max_distance` (m).
+    ///
+    /// # Real-time
+    /// Bounded by the number of elements, in practice logarithmic; no allocation, never panics.
+    pub fn nearest(&self, p: DVec3, max_distance: f64) -> Option<Nearest> {
+        let mut best: Option<(SurfacePoint, f64)> = None;
+        let bound = max_distance * max_distance;
+        self.search.walk(
+            bound,
+            |b| b.distance_squared(p),
+            |element, bound| {
+                let corners = self.corners(element);
+                let n = nearest_on_triangle(p, corners);
+                let d = (point(corners, n) - p).length_squared();
+                if d < bound || (best.is_none() && d <= bound) {
+                    best = Some((SurfacePoint { element, n }, d));
+                    return d;
+                }
+                bound
+            },
+        );
+        best.map(|(at, d)| Nearest { at, distance: d.sqrt(), outside: self.is_outside(p, at) })
+    }
+
+    /// The first inward touch of a tip that moves from `from` to `to`: of the surface by a point, or of a sphere of
+    /// `radius` around it with the surface.
+    ///
+    /// `from` must be outside. A point is caught on faces, edges and vertices alike (the edge tests of neighbours
+    /// agree to the bit: Woop, Benthin and Wald 2013), also where rounding has put `from` up to 1e-9 m inside.
+    ///
+    /// # Real-time
+    /// As [`Body::nearest`].
+    pub fn first_touch(&self, from: DVec3, to: DVec3, radius: f64) -> Option<Touch> {
+        let way = to - from;
+        let segment = Segment { middle: (from + to) * 0.5, half: way * 0.5 };
+        // The whole segment is tested against the boxes; the bound cuts off what lies later.
+        let mut best: Option<Touch> = None;
+        let reach = radius + BACK_OFF;
+        let ray = Ray::new(from, way);
+        self.search.walk(
+            1.0,
+            |b| if b.meets(&segment, reach) { 0.0 } else { f64::INFINITY },
+            |element, bound| {
+                let corners = self.corners(element);
+                let hit = if radius > 0.0 { sphere_touch(from, way, radius, corners) } else { ray.touch(corners) };
+                if let Some((fraction, n)) = hit {
+                    let earlier = best.is_none_or(|b| {
+                        fraction < b.fraction || (fraction == b.fraction && element < b.at.element)
+                    });
+                    if earlier {
+                        best = Some(Touch { at: SurfacePoint { element, n }, fraction });
+                    }
+                }
+                bound
+            },
+        );
+        best
+    }
+
+    /// Whether `p` lies outside, seen from its nearest surface point: by the sum of the normals of the faces that
+    /// meet there, weighted by their angles.
+    fn is_outside(&self, p: DVec3, at: SurfacePoint) -> bool {
+        let corners = self.corners(at.element);
+        let offset = p - point(corners, at.n);
+        let face = |c: [DVec3; 3]| (c[1] - c[0]).cross(c[2] - c[0]).normalize_or_zero();
+        let zero = |i: usize| at.n.get(i).is_some_and(|&n| n == 0.0);
+        let zeros = (0..3).filter(|&i| zero(i)).count();
+        let mut normal = face(corners);
+        if zeros == 1 {
+            let opposite = (0..3).find(|&i| zero(i)).unwrap_or(0);
+            if let Some((other, _)) = self.across(at.element, (opposite + 1) % 3) {
+                normal += face(self.corners(other));
+            }
+        } else if zeros == 2 {
+            let vertex = (0..3).find(|&i| !zero(i)).unwrap_or(0);
+            normal = DVec3::ZERO;
+            self.around(at.element, vertex, |element, corner| {
+                let c = self.corners(element);
+                normal += face(c) * crate::surface::corner_angle(c, corner);
+            });
+        }
+        offset.dot(normal) >= 0.0
+    }
+}
+
+/// Writes where there is room.
+#[inline]
+fn set<T>(slice: &mut [T], i: usize, value: T) {
+    if let Some(slot) = slice.get_mut(i) {
+        *slot = value;
+    }
+}
+
+/// How far behind its start a segment still catches the surface, m: far above rounding, far below touch.
+const BACK_OFF: f64 = 1e-9;
+
+/// The point with area coordinates `n`.
+#[inline]
+pub(crate) fn point([a, b, c]: [DVec3; 3], n: [f64; 3]) -> DVec3 {
+    a + (b - a) * n[1] + (c - a) * n[2]
+}
+
+/// Area coordinates of the point of a triangle nearest to `p` (Ericson 2005, section 5.1.5).
+fn nearest_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> [f64; 3] {
+    let (ab, ac, ap) = (b - a, c - a, p - a);
+    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return [1.0, 0.0, 0.0];
+    }
+    let bp = p - b;
+    let (d3, d4) = (ab.dot(bp), ac.dot(bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return [0.0, 1.0, 0.0];
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        let v = d1 / (d1 - d3);
+        return [1.0 - v, v, 0.0];
+    }
+    let cp = p - c;
+    let (d5, d6) = (ab.dot(cp), ac.dot(cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return [0.0, 0.0, 1.0];
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        let w = d2 / (d2 - d6);
+        return [1.0 - w, 0.0, w];
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
+        let w = (d4 - d3) / ((d4 - d3) + (d5 - d6));
+        return [0.0, 1.0 - w, w];
+    }
+    let sum = va + vb + vc;
+    [va / sum, vb / sum, vc / sum]
+}
+
+/// A segment prepared for the watertight test: the axis it runs along most, and the shear that makes it run along z.
+struct Ray {
+    from: DVec3,
+    axes: [usize; 3],
+    shear: [f64; 2],
+    along: f64,
+    tolerance: f64,
+}
+
+impl Ray {
+    fn new(from: DVec3, way: DVec3) -> Self {
+        let size = way.abs();
+        let z = if size.x >= size.y && size.x >= size.z {
+            0
+        } else if size.y >= size.z {
+            1
+        } else {
+            2
+        };
+        // A mirrored frame would turn faces over; swap to keep it right-handed along +z.
+        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
+        let pick = |v: DVec3, i: usize| match i {
+            0 => v.x,
+            1 => v.y,
+            _ => v.z,
+        };
+        let along = pick(way, z);
+        if along < 0.0 {
+            std::mem::swap(&mut x, &mut y);
+        }
+        let shear = [pick(way, x) / along, pick(way, y) / along];
+        let tolerance = BACK_OFF / way.length();
+        Ray { from, axes: [x, y, z], shear, along, tolerance }
+    }
+
+    /// Fraction and area coordinates where the segment enters through the triangle's outer side.
+    fn touch(&self, corners: [DVec3; 3]) -> Option<(f64, [f64; 3])> {
+        if self.along == 0.0 {
+            return None;
+        }
+        let [a, b, c] = corners.map(|p| {
+            let p = p - self.from;
+            let pick = |i: usize| match i {
+                0 => p.x,
+                1 => p.y,
+                _ => p.z,
+            };
+            let [x, y, z] = self.axes.map(pick);
+            [x - self.shear[0] * z, y - self.shear[1] * z, z]
+        });
+        let u = c[0] * b[1] - c[1] * b[0];
+        let v = a[0] * c[1] - a[1] * c[0];
+        let w = b[0] * a[1] - b[1] * a[0];
+        // Anticlockwise from outside and seen from outside: all three on the same side, zero included.
+        if !(u >= 0.0 && v >= 0.0 && w >= 0.0) && !(u <= 0.0 && v <= 0.0 && w <= 0.0) {
+            return None;
+        }
+        let sum = u + v + w;
+        if !(sum > 0.0) {
+            return None;
+        }
+        let n = [u / sum, v / sum, w / sum];
+        let fraction = (n[0] * a[2] + n[1] * b[2] + n[2] * c[2]) / self.along;
+        (fraction >= -self.tolerance && fraction <= 1.0).then_some((fraction.max(0.0), n))
+    }
+}
+
+/// Fraction and area coordinates where a sphere that moves from `from` by `way` first touches a triangle's outer side.
+fn sphere_touch(from: DVec3, way: DVec3, radius: f64, corners: [DVec3; 3]) -> Option<(f64, [f64; 3])> {
+    let at_start = nearest_on_triangle(from, corners);
+    let outward = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+    if (from - point(corners, at_start)).length() <= radius {
+        return Some((0.0, at_start));
+    }
+    let mut first: Option<f64> = None;
+    let mut offer = |t: f64| {
+        if (0.0..=1.0).contains(&t) && first.is_none_or(|f| t < f) {
+            first = Some(t);
+        }
+    };
+    // The face, moved out by the radius.
+    let normal = outward.normalize_or_zero();
+    let speed = way.dot(normal);
+    if speed < 0.0 {
+        let t = (radius - (from - corners[0]).dot(normal)) / speed;
+        let n = nearest_on_triangle(from + way * t, corners);
+        if n[0] > 0.0 && n[1] > 0.0 && n[2] > 0.0 {
+            offer(t);
+        }
+    }
+    // The edges' cylinders and the vertices' spheres.
+    for i in 0..3 {
+        let (Some(&a), Some(&b)) = (corners.get(i), corners.get((i + 1) % 3)) else { continue };
+        let along = (b - a).normalize_or_zero();
+        let across = |v: DVec3| v - along * v.dot(along);
+        if let Some(t) = first_root(across(from - a), across(way), radius) {
+            let s = (from + way * t - a).dot(along);
+            if s >= 0.0 && s <= (b - a).length() {
+                offer(t);
+            }
+        }
+        if let Some(t) = first_root(from - a, way, radius) {
+            offer(t);
+        }
+    }
+    first.map(|t| (t, nearest_on_triangle(from + way * t, corners)))
+}
+
+/// First t with |gap + way t| = radius, for a start outside.
+fn first_root(gap: DVec3, way: DVec3, radius: f64) -> Option<f64> {
+    let (a, b, c) = (way.length_squared(), gap.dot(way), gap.length_squared() - radius * radius);
+    let discriminant = b * b - a * c;
+    if a == 0.0 || b >= 0.0 || discriminant < 0.0 {
+        return None;
+    }
+    // b < 0: the sum below does not cancel.
+    Some(c / (-b + discriminant.sqrt()))
+}
+
+/// Position along a 3-D Hilbert curve of 20 bits an axis (Skilling 2004).
+fn hilbert(mut x: [u32; 3]) -> u64 {
+    const BITS: u32 = 20;
+    let mut q = 1 << (BITS - 1);
+    while q > 1 {
+        let p = q - 1;
+        for i in 0..3 {
+            if x[i] & q != 0 {
+                x[0] ^= p;
+            } else {
+                let t = (x[0] ^ x[i]) & p;
+                x[0] ^= t;
+                x[i] ^= t;
+            }
+        }
+        q >>= 1;
+    }
+    x[1] ^= x[0];
+    x[2] ^= x[1];
+    let mut t = 0;
+    q = 1 << (BITS - 1);
+    while q > 1 {
+        if x[2] & q != 0 {
+            t ^= q - 1;
+        }
+        q >>= 1;
+    }
+    let x = x.map(|v| v ^ t);
+    let mut key = 0u64;
+    for bit in (0..BITS).rev() {
+        for v in x {
+            key = key << 1 | u64::from(v >> bit & 1);
+        }
+    }
+    key
+}
