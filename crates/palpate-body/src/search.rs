@@ -178,7 +178,7 @@ impl Search {
             }
             let Some(below) = self.levels.get(level as usize - 1) else { return };
             let mut children = [(f64::INFINITY, 0u32); FANOUT];
-            let mut count = 0;
+            let mut count = 0usize;
             for (i, b) in below.iter().enumerate().skip(first).take(FANOUT) {
                 let k = key(b);
                 if k <= bound {
