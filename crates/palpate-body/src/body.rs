@@ -115,6 +115,7 @@ pub struct Body {
     pub(crate) search: Search,
     pub(crate) responses: Responses,
     pub(crate) vertices: Vec<u32>,
+    pub(crate) creased: bool,
     pub(crate) curves: Vec<Response>,
     pub(crate) test_point_nodes: Vec<u32>,
     pub(crate) tool: Tool,
@@ -168,6 +169,7 @@ impl Body {
             elements: surface.elements,
             search,
             responses: table,
+            creased: surface.vertices.iter().enumerate().any(|(n, &v)| n != v as usize),
             vertices: surface.vertices,
             curves: responses,
             test_point_nodes,
@@ -205,6 +207,12 @@ impl Body {
     /// Number of distinct vertices: nodes less those that creases doubled.
     pub fn vertex_count(&self) -> usize {
         self.vertices.iter().map(|&v| v as usize + 1).max().unwrap_or(0)
+    }
+
+    /// Whether creases doubled any node.
+    #[inline]
+    pub fn has_creases(&self) -> bool {
+        self.creased
     }
 
     /// The tool the responses hold for.

@@ -1,1 +1,40 @@
-//! engine
+//! The haptic engine: contact point, force, slip and energy of one tool tip on a body.
+//!
+//! A [`Contact`] holds all that evolves; [`Contact::step`] takes one tool pose and gives one [`Output`]. The body is
+//! read, never written, so any number of contacts may share it. The model is that of Mahvash and Hayward, *Haptic
+//! simulation of a tool in contact with a nonlinear deformable body* (2003); equation numbers in this crate are
+//! theirs.
+//!
+//! # Real-time
+//! `step` never allocates, locks, logs, reads a clock or a file, or panics; every loop in it is bounded. It has no
+//! error: what went wrong is in [`Output::flags`] and [`Contact::counters`]. The same poses give the same bits on
+//! every x86-64 machine.
+//!
+//! ```
+//! # use palpate_body::{*, shape::Shape};
+//! use palpate_engine::{Contact, ToolPose};
+//! # let knots = [0.0, 8e-3];
+//! # let force = |end: f64| Curve::through(&knots, &[0.0, end], Interpolation::Linear, Extension::Linear);
+//! # let surface = Shape::Sphere { radius_mm: 30.0 }.surface(Default::default())?;
+//! # let response = Response { normal: force(2.0)?, lateral: force(4.0)?, friction: body::constant_friction(0.3, 8e-3)? };
+//! # let body = Body::new(BodyParts { mixes: vec![NodeMix::own(0); surface.positions().len()], surface,
+//! #     responses: vec![response], test_point_nodes: vec![0], tool: Tool::point(), slip: SlipRule::Paper,
+//! #     provenance: Provenance::default() })?;
+//! let mut contact = Contact::new(&body);
+//! contact.step(&body, &ToolPose::at([0.0, 0.0, 31e-3])); // above the sphere
+//! let output = contact.step(&body, &ToolPose::at([0.0, 0.0, 28e-3])); // about 2 mm deep
+//! assert!(output.contact.is_some());
+//! assert!(output.force_n[2] > 0.4); // the tool is pushed out again
+//! # Ok::<(), BodyError>(())
+//! ```
+
+mod contact;
+mod field;
+mod output;
+mod sensitivity;
+mod slip;
+mod walk;
+
+pub use contact::Contact;
+pub use field::{Ablation, Law};
+pub use output::{ContactPoint, Counters, Flags, Ledger, Output, ToolPose};

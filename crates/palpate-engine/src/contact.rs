@@ -1,0 +1,275 @@
+//! One contact: the step and its stages (MODEL 3).
+
+use crate::field::{Ablation, Field, Law};
+use crate::output::{ContactPoint, Counters, Flags, Ledger, Output, ToolPose};
+use crate::sensitivity;
+use crate::slip::{self, End};
+use glam::DVec3;
+use palpate_body::{Body, SlipRule, SurfacePoint};
+
+/// Inside the surface by no more than this (m) counts as on it: a segment starting there still catches the surface.
+const ON_SURFACE: f64 = 1e-9;
+
+/// All that evolves while one tool touches one body: fixed in size, without a pointer to the body.
+///
+/// Every step must be given the body the contact was made for; with another, forces are meaningless but bounded.
+#[derive(Debug, Clone)]
+pub struct Contact {
+    law: Law,
+    rule: SlipRule,
+    state: State,
+    energy: Ledger,
+    counters: Counters,
+}
+
+/// Where the tool is.
+#[derive(Debug, Clone, Copy)]
+enum State {
+    /// Before the first pose.
+    Unknown,
+    /// Outside at `tip`; at `asked_at` the surface was `clear` (m) away from touch.
+    Free { tip: DVec3, asked_at: DVec3, clear: f64 },
+    /// Inside without touching: it came there otherwise than through the surface.
+    Inside { asked_at: DVec3, clear: f64 },
+    /// Touching at `at` with the tool at `tip`.
+    Touching { at: SurfacePoint, tip: DVec3 },
+}
+
+impl Contact {
+    /// A contact on `body`, with the slip rule and the tool that the body names.
+    pub fn new(body: &Body) -> Self {
+        Self::with_ablation(body, Ablation::None)
+    }
+
+    /// The same with interpolations taken away, as in the paper's section 5.
+    pub fn with_ablation(body: &Body, ablation: Ablation) -> Self {
+        let law = Law { ablation, radius_m: body.tool().radius_m };
+        let (energy, counters) = (Ledger::default(), Counters::default());
+        Contact { law, rule: body.slip(), state: State::Unknown, energy, counters }
+    }
+
+    /// The slip rule in force.
+    pub fn slip_rule(&self) -> SlipRule {
+        self.rule
+    }
+
+    /// How often things happened since the contact was made.
+    pub fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// Energies since the contact was made.
+    pub fn energy(&self) -> &Ledger {
+        &self.energy
+    }
+
+    /// One sample: a tool pose in, the force on the tool out.
+    ///
+    /// # Real-time
+    /// Bounded; never allocates, locks, logs, reads a clock or a file, or panics. In free space it costs a distance
+    /// comparison until the tip has used up the clearance that the last query found.
+    pub fn step(&mut self, body: &Body, pose: &ToolPose) -> Output {
+        self.counters.steps += 1;
+        let mut flags = Flags::default();
+        let Some(tip) = pose.accept() else {
+            self.counters.invalid_poses += 1;
+            flags.invalid_pose = true;
+            flags.in_contact = matches!(self.state, State::Touching { .. });
+            return Output { flags, energy: self.energy, ..Output::default() };
+        };
+        let Some(at) = self.touch(body, tip, &mut flags) else { return self.untouched(flags) };
+        let field = self.stick(body, at, tip);
+        let (at, field, end) = self.slip(body, at, field, tip, &mut flags);
+        let (at, field, end) = self.release(body, at, field, end, tip, &mut flags);
+        match end {
+            Some(end) => self.answer(body, at, tip, field, end, flags),
+            None => self.untouched(flags),
+        }
+    }
+
+    /// The Lipschitz bound of the force at the present contact, N/m: how far one step's |ΔF| may exceed nothing but
+    /// |Δx| (MODEL 5, certificate L, at this one state). `None` in free space or where the slip equation has no
+    /// stable root here, so that no bound exists.
+    ///
+    /// Not part of the step: a measuring instrument.
+    pub fn lipschitz_n_per_m(&self, body: &Body) -> Option<f64> {
+        match self.state {
+            State::Touching { at, tip } => sensitivity::lipschitz(body, &self.law, at, tip),
+            _ => None,
+        }
+    }
+
+    /// Stage 1: the contact point of the last step, or that of an onset in this one.
+    fn touch(&mut self, body: &Body, tip: DVec3, flags: &mut Flags) -> Option<SurfacePoint> {
+        match self.state {
+            State::Touching { at, .. } => Some(at),
+            State::Free { asked_at, clear, .. } if tip.distance(asked_at) < clear => {
+                self.state = State::Free { tip, asked_at, clear };
+                None
+            }
+            State::Free { tip: from, .. } => {
+                let Some(touch) = body.first_touch(from, tip, self.law.radius_m) else {
+                    self.look_around(body, tip, false, flags);
+                    return None;
+                };
+                flags.onset = true;
+                self.counters.onsets += 1;
+                Some(self.settle(body, touch.at, from + (tip - from) * touch.fraction))
+            }
+            State::Inside { asked_at, clear } if tip.distance(asked_at) < clear => {
+                self.state = State::Inside { asked_at, clear };
+                flags.started_inside = true;
+                None
+            }
+            State::Inside { .. } | State::Unknown => {
+                self.look_around(body, tip, true, flags);
+                None
+            }
+        }
+    }
+
+    /// Finds the clearance around a tip that does not touch; and, if asked, which side it is on.
+    fn look_around(&mut self, body: &Body, tip: DVec3, unsure: bool, flags: &mut Flags) {
+        let nearest = body.nearest(tip, f64::INFINITY);
+        let (distance, outside) = nearest.map_or((f64::INFINITY, true), |n| (n.distance, n.outside));
+        let touches = distance < self.law.radius_m || (self.law.radius_m == 0.0 && !outside && distance > ON_SURFACE);
+        if unsure && (touches || !(outside || distance <= ON_SURFACE)) {
+            flags.started_inside = true;
+            // Inside stays inside until the tip has been as far as the surface.
+            self.state = State::Inside { asked_at: tip, clear: (distance - self.law.radius_m).abs() };
+        } else {
+            // A little less than the clearance: rounding must not skip a touch.
+            let clear = (distance - self.law.radius_m) * (1.0 - 1e-9) - ON_SURFACE;
+            self.state = State::Free { tip, asked_at: tip, clear };
+        }
+    }
+
+    /// A sphere's first touch is where the nearest point is at its radius, but the frame there is the interpolated
+    /// one: the contact point moves to where the deflection has no lateral part before it begins to count.
+    fn settle(&self, body: &Body, at: SurfacePoint, tip: DVec3) -> SurfacePoint {
+        if self.law.radius_m == 0.0 {
+            return at;
+        }
+        slip::slip(body, &self.law, at, self.law.evaluate(body, at, tip), tip).at
+    }
+
+    /// Stage 2: the tool moves with the contact point held.
+    fn stick(&mut self, body: &Body, at: SurfacePoint, tip: DVec3) -> Field {
+        let field = self.law.evaluate(body, at, tip);
+        self.energy.stick(field.energy());
+        field
+    }
+
+    /// Stage 3: the contact point moves with the tool held, until the lateral force is within the friction limit.
+    fn slip(
+        &mut self,
+        body: &Body,
+        at: SurfacePoint,
+        field: Field,
+        tip: DVec3,
+        flags: &mut Flags,
+    ) -> (SurfacePoint, Field, End) {
+        let SlipRule::Paper = self.rule else { return (at, field, End::Settled) };
+        let slipped = slip::slip(body, &self.law, at, field, tip);
+        if slipped.evaluations == 0 && !slipped.moved {
+            return (at, field, slipped.end);
+        }
+        self.energy.slip(slipped.field.energy());
+        flags.slipping |= slipped.moved;
+        self.counters.slips += u64::from(slipped.moved);
+        self.counters.evaluations += u64::from(slipped.evaluations);
+        self.counters.crossings += u64::from(slipped.crossings);
+        (slipped.at, slipped.field, slipped.end)
+    }
+
+    /// Stage 4: the contact ends at δz ≤ 0 or over the border. A tip that is then still inside, in a concave facet or
+    /// another sheet, touches anew at its nearest surface point. `None`: no contact.
+    fn release(
+        &mut self,
+        body: &Body,
+        at: SurfacePoint,
+        field: Field,
+        end: End,
+        tip: DVec3,
+        flags: &mut Flags,
+    ) -> (SurfacePoint, Field, Option<End>) {
+        if end == End::Border {
+            self.energy.slip(0.0);
+            flags.border = true;
+            flags.released = true;
+            // Beyond the border the tip may hang under the sheet: only seen from outside may it touch again.
+            self.look_around(body, tip, true, flags);
+            flags.started_inside = false;
+            return (at, field, None);
+        }
+        if field.depth > 0.0 {
+            return (at, field, Some(end));
+        }
+        self.energy.slip(0.0);
+        let inside = body.nearest(tip, f64::INFINITY).filter(|n| !n.outside && n.distance > ON_SURFACE);
+        if let Some(nearest) = inside {
+            let at = self.settle(body, nearest.at, tip);
+            let field = self.law.evaluate(body, at, tip);
+            // Stored energy appears at a fixed tip: the ledger books it as generated.
+            self.energy.slip(field.energy());
+            let (at, field, end) = self.slip(body, at, field, tip, flags);
+            if field.depth > 0.0 && end != End::Border {
+                flags.reanchored = true;
+                return (at, field, Some(end));
+            }
+            self.energy.slip(0.0);
+        }
+        // A sphere hovers where the facets are within its radius but the interpolated surface is not: no event.
+        let hovers = flags.onset && self.law.radius_m > 0.0;
+        flags.released = !hovers;
+        flags.onset &= !hovers;
+        self.counters.onsets -= u64::from(hovers);
+        self.state = State::Free { tip, asked_at: tip, clear: 0.0 };
+        (at, field, None)
+    }
+
+    /// Stage 5: the state for the next step, and the force.
+    fn answer(
+        &mut self,
+        body: &Body,
+        at: SurfacePoint,
+        tip: DVec3,
+        mut field: Field,
+        end: End,
+        mut flags: Flags,
+    ) -> Output {
+        self.state = State::Touching { at, tip };
+        match end {
+            End::Blocked => {
+                flags.blocked = true;
+                self.counters.blocked += 1;
+            }
+            End::Capped => {
+                flags.capped = true;
+                self.counters.capped += 1;
+                field.pull.value = field.pull.value.min(field.limit);
+            }
+            End::Settled | End::Border => {}
+        }
+        flags.in_contact = true;
+        let mut force = -field.force();
+        if !force.is_finite() {
+            // The output choke point: nothing that is not a number leaves.
+            flags.contained = true;
+            self.counters.contained += 1;
+            force = DVec3::ZERO;
+        }
+        let contact = ContactPoint {
+            element: at.element,
+            n: at.n,
+            position_m: body.point(at).to_array(),
+            delta_z_m: field.depth,
+            delta_r_m: field.lateral,
+        };
+        Output { force_n: force.to_array(), torque_nm: [0.0; 3], contact: Some(contact), flags, energy: self.energy }
+    }
+
+    fn untouched(&self, flags: Flags) -> Output {
+        Output { flags, energy: self.energy, ..Output::default() }
+    }
+}

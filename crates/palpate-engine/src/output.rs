@@ -1,0 +1,136 @@
+//! What goes into a step and what comes out: plain data.
+
+use glam::DVec3;
+
+/// Coordinates beyond this (m) are treated as a device's fault, like a non-finite one.
+const FARTHEST: f64 = 1e6;
+
+/// A pose of the tool's reference point in the body's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ToolPose {
+    /// The tip; for a spherical tool its centre, m.
+    pub position_m: [f64; 3],
+    /// Unit quaternion (w, x, y, z), body from tool. Responses do not depend on it yet.
+    pub orientation: [f64; 4],
+}
+
+impl ToolPose {
+    /// A pose without rotation.
+    pub fn at(position_m: [f64; 3]) -> Self {
+        ToolPose { position_m, orientation: [1.0, 0.0, 0.0, 0.0] }
+    }
+
+    /// The position, if every number of the pose can be used: the step's input choke point.
+    pub(crate) fn accept(&self) -> Option<DVec3> {
+        let finite = self.position_m.iter().all(|x| x.abs() <= FARTHEST) && self.orientation.iter().all(|q| q.is_finite());
+        finite.then_some(DVec3::from_array(self.position_m))
+    }
+}
+
+/// Where the body is touched.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ContactPoint {
+    /// Element of the surface.
+    pub element: u32,
+    /// Area coordinates (3).
+    pub n: [f64; 3],
+    /// c at rest, m.
+    pub position_m: [f64; 3],
+    /// Normal deflection δz, m.
+    pub delta_z_m: f64,
+    /// Lateral deflection δr, m.
+    pub delta_r_m: f64,
+}
+
+/// What happened in a step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Flags {
+    /// The tool touches the body after this step.
+    pub in_contact: bool,
+    /// The contact point moved over the surface.
+    pub slipping: bool,
+    /// A contact began in this step.
+    pub onset: bool,
+    /// A contact ended in this step.
+    pub released: bool,
+    /// The tip was still inside after a release, and touches at its nearest surface point.
+    pub reanchored: bool,
+    /// The contact ended because the contact point reached the surface's border.
+    pub border: bool,
+    /// The contact point is held by an edge or vertex that it can't leave: f_r may exceed the limit.
+    pub blocked: bool,
+    /// The slip search ran into its bound; the rendered lateral force was cut to the limit.
+    pub capped: bool,
+    /// The pose held a number that is not finite or beyond 10⁶ m: no force, and the contact is kept as it was.
+    pub invalid_pose: bool,
+    /// The force was not finite and was replaced by zero.
+    pub contained: bool,
+    /// The first pose lay inside the body (or nearer than the tool's radius): no force until the tool has left it.
+    pub started_inside: bool,
+}
+
+/// Energies since the contact was made, J: work = stored + dissipated.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Ledger {
+    /// Work of the tool on the body: Σ W(c_k, x_k+1) − W(c_k, x_k), the stick force along its way, exactly.
+    pub work_j: f64,
+    /// W(c, δ) now.
+    pub stored_j: f64,
+    /// What slip and release took out of W at a fixed tip: Σ W(c_k, x_k+1) − W(c_k+1, x_k+1), signed.
+    pub dissipated_j: f64,
+    /// The part of it where W rose, as a positive sum: energy that the slip rule generated.
+    pub generated_j: f64,
+}
+
+impl Ledger {
+    /// The tool moves, c stays.
+    pub(crate) fn stick(&mut self, stored_j: f64) {
+        self.work_j += stored_j - self.stored_j;
+        self.stored_j = stored_j;
+    }
+
+    /// c moves, or goes, and the tool stays.
+    pub(crate) fn slip(&mut self, stored_j: f64) {
+        self.dissipated_j += self.stored_j - stored_j;
+        self.generated_j += (stored_j - self.stored_j).max(0.0);
+        self.stored_j = stored_j;
+    }
+}
+
+/// How often things happened since the contact was made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counters {
+    /// Steps taken.
+    pub steps: u64,
+    /// Contacts begun.
+    pub onsets: u64,
+    /// Steps with slip.
+    pub slips: u64,
+    /// Evaluations of the force law while slipping.
+    pub evaluations: u64,
+    /// Edges crossed.
+    pub crossings: u64,
+    /// Steps in which an edge or vertex held the contact point.
+    pub blocked: u64,
+    /// Steps in which the slip search ran into its bound.
+    pub capped: u64,
+    /// Poses refused.
+    pub invalid_poses: u64,
+    /// Forces replaced by zero.
+    pub contained: u64,
+}
+
+/// One sample of what a device renders.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Output {
+    /// Force on the tool, −f_c, N.
+    pub force_n: [f64; 3],
+    /// Torque on the tool about its tip, N·m: zero for the tools there are so far.
+    pub torque_nm: [f64; 3],
+    /// Where the body is touched, if it is.
+    pub contact: Option<ContactPoint>,
+    /// What happened.
+    pub flags: Flags,
+    /// Energies.
+    pub energy: Ledger,
+}

@@ -1,0 +1,190 @@
+//! Moving the contact point over the facets.
+
+use glam::DVec3;
+use palpate_body::{Body, SurfacePoint};
+
+/// Why a walk ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Stop {
+    /// The whole way was walked.
+    Reached,
+    /// At an edge or vertex beyond which the drive points back.
+    Edge,
+    /// At the surface's border.
+    Border,
+    /// Too many edges.
+    Cap,
+}
+
+/// Which way a contact point can start.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Launch {
+    /// Over the element of the point (it may have changed sides), along the projection of the drive.
+    Along(SurfacePoint),
+    /// Along an edge, in this unit direction: both sides push back to it.
+    Edge(SurfacePoint, DVec3),
+    /// Out over the border.
+    Border,
+    /// Nowhere: the drive has no component along any element or edge here.
+    Held,
+}
+
+/// Velocities of the area coordinates when the contact point moves with the projection of `v` on the element's plane.
+#[inline]
+pub(crate) fn rates(corners: [DVec3; 3], v: DVec3) -> [f64; 3] {
+    let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);
+    let (a, b, c) = (e1.length_squared(), e1.dot(e2), e2.length_squared());
+    let (v1, v2) = (v.dot(e1), v.dot(e2));
+    let scale = 1.0 / (a * c - b * b);
+    let (r1, r2) = ((c * v1 - b * v2) * scale, (a * v2 - b * v1) * scale);
+    [-(r1 + r2), r1, r2]
+}
+
+/// Moves `at` for a time `s` with the projection of the unit vector `v` on each element that it comes through: the
+/// steepest way up along v. Returns where it ended, the time that took, and why it ended.
+///
+/// `crossings` is what is left of the step's bound.
+#[inline]
+pub(crate) fn walk(body: &Body, mut at: SurfacePoint, v: DVec3, s: f64, crossings: &mut u32) -> (SurfacePoint, f64, Stop) {
+    let mut left = s;
+    let mut r = rates(body.corners(at.element), v);
+    loop {
+        // The first coordinate to reach zero. One that stands at zero and moves by rounding alone stays.
+        let still = -1e-12 * (r[0].abs() + r[1].abs() + r[2].abs());
+        let mut exit = (f64::INFINITY, 0);
+        for i in 0..3 {
+            if r[i] < still {
+                let time = at.n[i] / -r[i];
+                if time < exit.0 {
+                    exit = (time, i);
+                }
+            }
+        }
+        let time = left.min(exit.0);
+        for i in 0..3 {
+            at.n[i] = (at.n[i] + r[i] * time).max(0.0);
+        }
+        if exit.0 >= left {
+            normalise(&mut at.n);
+            return (at, s, Stop::Reached);
+        }
+        left -= time;
+        let opposite = exit.1;
+        if let Some(n) = at.n.get_mut(opposite) {
+            *n = 0.0;
+        }
+        normalise(&mut at.n);
+        if *crossings == 0 {
+            return (at, s - left, Stop::Cap);
+        }
+        *crossings -= 1;
+        let Some((beyond, apex)) = step_over(body, at, opposite) else {
+            return (at, s - left, Stop::Border);
+        };
+        let next = rates(body.corners(beyond.element), v);
+        if next.get(apex).is_none_or(|&r| r <= 0.0) {
+            return (at, s - left, Stop::Edge);
+        }
+        at = beyond;
+        r = next;
+    }
+}
+
+/// Where the drive can take a contact point that may stand on an edge or a vertex. `drive` gives the drive as seen
+/// from an element, which differs between the sides where the frame does.
+#[inline]
+pub(crate) fn launch(body: &Body, at: SurfacePoint, drive: impl Fn(SurfacePoint) -> DVec3) -> Launch {
+    let on_edge = |i: usize| at.n.get(i).is_some_and(|&n| n == 0.0);
+    let zeros = u8::from(on_edge(0)) + u8::from(on_edge(1)) + u8::from(on_edge(2));
+    if zeros == 0 {
+        return Launch::Along(at);
+    }
+    if zeros == 1 {
+        let opposite = if on_edge(0) { 0 } else if on_edge(1) { 1 } else { 2 };
+        return from_edge(body, at, opposite, drive);
+    }
+    let vertex = if !on_edge(0) { 0 } else if !on_edge(1) { 1 } else { 2 };
+    from_vertex(body, at, vertex, drive)
+}
+
+#[inline]
+fn pick<T: Copy>(of: [T; 3], i: usize) -> T {
+    match i % 3 {
+        0 => of[0],
+        1 => of[1],
+        _ => of[2],
+    }
+}
+
+fn from_edge(body: &Body, at: SurfacePoint, opposite: usize, drive: impl Fn(SurfacePoint) -> DVec3) -> Launch {
+    let corners = body.corners(at.element);
+    let v = drive(at);
+    if pick(rates(corners, v), opposite) >= 0.0 {
+        return Launch::Along(at);
+    }
+    let Some((beyond, apex)) = step_over(body, at, opposite) else { return Launch::Border };
+    let seen_from_there = drive(beyond);
+    if pick(rates(body.corners(beyond.element), seen_from_there), apex) >= 0.0 {
+        return Launch::Along(beyond);
+    }
+    let edge = (pick(corners, opposite + 2) - pick(corners, opposite + 1)).normalize_or_zero();
+    let along = (v + seen_from_there).dot(edge);
+    if along == 0.0 { Launch::Held } else { Launch::Edge(at, edge * along.signum()) }
+}
+
+fn from_vertex(body: &Body, at: SurfacePoint, vertex: usize, drive: impl Fn(SurfacePoint) -> DVec3) -> Launch {
+    // The steepest way up: a sector that holds the projected drive, else an edge.
+    let mut best = (0.0, Launch::Held);
+    let closed = body.around(at.element, vertex, |element, corner| {
+        let mut n = [0.0; 3];
+        if let Some(n) = n.get_mut(corner) {
+            *n = 1.0;
+        }
+        let here = SurfacePoint { element, n };
+        let v = drive(here);
+        let corners = body.corners(element);
+        let r = rates(corners, v);
+        let [a, b, c] = [0, 1, 2].map(|i| pick(corners, corner + i));
+        if pick(r, corner + 1) >= 0.0 && pick(r, corner + 2) >= 0.0 {
+            let velocity = (b - a) * pick(r, corner + 1) + (c - a) * pick(r, corner + 2);
+            let ascent = velocity.dot(v).max(0.0).sqrt();
+            if ascent > best.0 {
+                best = (ascent, Launch::Along(here));
+            }
+        }
+        let edge = (b - a).normalize_or_zero();
+        let ascent = v.dot(edge);
+        // An edge counts only where no sector does: a hair's handicap keeps equal sectors before it.
+        if ascent > best.0 * (1.0 + 1e-9) {
+            best = (ascent, Launch::Edge(here, edge));
+        }
+    });
+    match best {
+        (_, Launch::Along(_)) => best.1,
+        _ if !closed => Launch::Border,
+        (ascent, _) if ascent <= 1e-12 => Launch::Held,
+        _ => best.1,
+    }
+}
+
+/// The same point seen from the element across the edge opposite corner `opposite`, and that element's own corner
+/// opposite the edge.
+#[inline]
+fn step_over(body: &Body, at: SurfacePoint, opposite: usize) -> Option<(SurfacePoint, usize)> {
+    let edge = (opposite + 1) % 3;
+    let (element, j) = body.across(at.element, edge)?;
+    // Their edge j runs against ours: it starts at our edge's end.
+    let (start, end) = (pick(at.n, edge), pick(at.n, edge + 1));
+    let n = match j {
+        0 => [end, start, 0.0],
+        1 => [0.0, end, start],
+        _ => [start, 0.0, end],
+    };
+    Some((SurfacePoint { element, n }, (j + 2) % 3))
+}
+
+#[inline]
+fn normalise(n: &mut [f64; 3]) {
+    let scale = 1.0 / (n[0] + n[1] + n[2]);
+    *n = [n[0] * scale, n[1] * scale, n[2] * scale];
+}
