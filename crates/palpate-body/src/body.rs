@@ -1,6 +1,6 @@
 //! The body: everything the engine reads, immutable and checked once.
 
-use crate::curve::{Curve, Extension};
+use crate::curve::Curve;
 use crate::error::{BodyError, Result};
 use crate::response::{Mixture, Response, Responses};
 use crate::search::{Search, point};
@@ -407,12 +407,4 @@ pub fn share_knots(responses: Vec<Response>) -> Result<Vec<Response>> {
             })
         })
         .collect()
-}
-
-/// A friction coefficient that does not depend on depth.
-///
-/// # Errors
-/// As [`Curve::through`].
-pub fn constant_friction(coefficient: f64, depth_max_m: f64) -> Result<Curve> {
-    Curve::through(&[0.0, depth_max_m], &[coefficient; 2], crate::Interpolation::Linear, Extension::Constant)
 }

@@ -244,6 +244,44 @@ fn sample([integral, a, b, c, d]: LateralRow, t: f64) -> Sample {
 }
 
 impl Response {
+    /// The paper's example (6), (7): f^z = 100 k_z δz², f^r = k_r δr, constant μ; exact up to the given deflections.
+    ///
+    /// `normal_stiffness` k_z and `lateral_stiffness` k_r in N/m; deflections in m.
+    ///
+    /// # Errors
+    /// A stiffness that is not positive, a negative μ, or deflections that a knot can't be.
+    pub fn paper(
+        normal_stiffness: f64,
+        lateral_stiffness: f64,
+        friction: f64,
+        depth_max_m: f64,
+        lateral_max_m: f64,
+    ) -> Result<Self> {
+        let law = |knots: &[f64], value: &dyn Fn(f64) -> f64, slope: &dyn Fn(f64) -> f64| {
+            let values: Vec<f64> = knots.iter().map(|&d| value(d)).collect();
+            let slopes: Vec<f64> = knots.iter().map(|&d| slope(d)).collect();
+            Curve::hermite(knots, &values, &slopes, Extension::Linear)
+        };
+        let (kz, kr) = (normal_stiffness, lateral_stiffness);
+        if !(kz > 0.0 && kr > 0.0 && friction >= 0.0) {
+            return Err(BodyError::invalid(
+                "response",
+                format!("stiffnesses {kz} and {kr} N/m, friction {friction}"),
+                "give positive stiffnesses and a friction coefficient of 0 or more",
+            ));
+        }
+        Ok(Response {
+            normal: law(&[0.0, depth_max_m], &|d| 100.0 * kz * d * d, &|d| 200.0 * kz * d)?,
+            lateral: law(&[0.0, lateral_max_m], &|d| kr * d, &|_| kr)?,
+            friction: Curve::through(
+                &[0.0, depth_max_m],
+                &[friction; 2],
+                crate::Interpolation::Linear,
+                Extension::Constant,
+            )?,
+        })
+    }
+
     fn check(&self, depth: &[f64], lateral: &[f64]) -> std::result::Result<(), (String, &'static str)> {
         let fail = |problem: String, mend| Err((problem, mend));
         if self.normal.knots() != depth || self.friction.knots() != depth || self.lateral.knots() != lateral {

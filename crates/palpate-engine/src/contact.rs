@@ -223,7 +223,7 @@ impl Contact {
         let hovers = flags.onset && self.law.radius_m > 0.0;
         flags.released = !hovers;
         flags.onset &= !hovers;
-        self.counters.onsets -= u64::from(hovers);
+        self.counters.onsets = self.counters.onsets.saturating_sub(u64::from(hovers));
         self.state = State::Free { tip, asked_at: tip, clear: 0.0 };
         (at, field, None)
     }
