@@ -1,1 +1,18 @@
-//! facade
+//! Touch soft bodies: the facade of palpate's crates, and the parts of the `palpate` command.
+//!
+//! Programs that render contact need [`Body`] and [`Contact`] only:
+//!
+//! ```no_run
+//! use palpate::{Body, Contact, ToolPose};
+//!
+//! let body = Body::open("liver.body".as_ref())?;
+//! let mut contact = Contact::new(&body);
+//! let output = contact.step(&body, &ToolPose::at([0.0, 0.0, 31e-3]));
+//! println!("{:?} N", output.force_n);
+//! # Ok::<(), palpate::BodyError>(())
+//! ```
+
+pub mod commands;
+
+pub use palpate_body::{Body, BodyError};
+pub use palpate_engine::{Ablation, Contact, Output, ToolPose};

@@ -1,1 +1,46 @@
-fn main(){}
+//! The `palpate` command.
+
+use clap::Parser;
+use palpate::commands::{self, Failure};
+use std::process::ExitCode;
+
+/// Touch soft, nonlinear bodies: force-deflection curves at the nodes, a force that is continuous everywhere.
+#[derive(Parser)]
+#[command(version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand)]
+enum Command {
+    Demo(commands::demo::Args),
+    Fit(commands::fit::Args),
+    Inspect(commands::inspect::Args),
+    Trace(commands::trace::Args),
+    Export(commands::export::Args),
+    Bench(commands::bench::Args),
+}
+
+fn main() -> ExitCode {
+    // clap exits with 2 on a usage error by itself.
+    let result = match Cli::parse().command {
+        Command::Demo(args) => commands::demo::run(&args),
+        Command::Fit(args) => commands::fit::run(&args),
+        Command::Inspect(args) => commands::inspect::run(&args),
+        Command::Trace(args) => commands::trace::run(&args),
+        Command::Export(args) => commands::export::run(&args),
+        Command::Bench(args) => commands::bench::run(&args),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Failure::Input(error)) => {
+            eprintln!("palpate: {error:#}");
+            ExitCode::from(1)
+        }
+        Err(Failure::Check(message)) => {
+            eprintln!("palpate: {message}");
+            ExitCode::from(3)
+        }
+    }
+}

@@ -1,0 +1,23 @@
+//! One module a subcommand: its arguments, and what it does with them.
+
+pub mod bench;
+pub mod demo;
+pub mod export;
+pub mod fit;
+pub mod inspect;
+pub mod trace;
+
+/// Why a command did not end with 0.
+#[derive(Debug)]
+pub enum Failure {
+    /// The input was wrong: exit status 1, one message that says what, where, and how to mend it.
+    Input(anyhow::Error),
+    /// A check fell short: exit status 3.
+    Check(String),
+}
+
+impl<E: Into<anyhow::Error>> From<E> for Failure {
+    fn from(error: E) -> Self {
+        Failure::Input(error.into())
+    }
+}
