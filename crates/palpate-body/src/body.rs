@@ -2,7 +2,7 @@
 
 use crate::curve::Curve;
 use crate::error::{BodyError, Result};
-use crate::response::{Mixture, Response, Responses};
+use crate::response::{Response, Responses};
 use crate::search::{Search, point};
 use crate::surface::{Element, MAX_ELEMENTS, NO_TWIN, Surface, check_area, check_normals, check_position};
 use glam::DVec3;
@@ -269,12 +269,6 @@ impl Body {
     #[inline]
     pub fn point(&self, at: crate::SurfacePoint) -> DVec3 {
         point(self.corners(at.element), at.n)
-    }
-
-    /// The mixture of test points at a surface point.
-    #[inline]
-    pub fn mixture(nodes: [&Node; 3], n: [f64; 3]) -> Mixture {
-        Mixture::new(n, nodes.map(|n| &n.test_points), nodes.map(|n| &n.weights))
     }
 
     /// The neighbour across edge `edge` of `element`, and which edge of it that is.

@@ -253,7 +253,7 @@ impl Piece {
         [
             a + t * (b + t * (c + t * d)),
             b + t * (2.0 * c + t * (3.0 * d)),
-            self.integral + t * (a + t * (b / 2.0 + t * (c / 3.0 + t * (d / 4.0)))),
+            self.integral + t * (a + t * (b * 0.5 + t * (c * (1.0 / 3.0) + t * (d * 0.25)))),
         ]
     }
 

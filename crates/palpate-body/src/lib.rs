@@ -44,6 +44,6 @@ pub mod surface;
 pub use body::{Body, BodyParts, Node, NodeMix, Provenance, SlipRule, Tool};
 pub use curve::{Curve, Extension, Interpolation};
 pub use error::{BodyError, Result};
-pub use response::{Mixture, Response, Responses, Sample};
+pub use response::{Response, Responses, Rows, Sample};
 pub use search::{Nearest, SurfacePoint, Touch};
 pub use surface::{Element, NO_TWIN, Surface, TriangleMesh};

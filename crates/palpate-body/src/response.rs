@@ -2,7 +2,6 @@
 
 use crate::curve::{Curve, Extension, Piece, check_knots};
 use crate::error::{BodyError, Result};
-use bytemuck::Zeroable;
 
 /// What a test point answers: MODEL 1's three functions of deflection.
 ///
@@ -47,88 +46,74 @@ impl Knots {
         &self.knots
     }
 
-    /// Interval that holds `x` ≥ 0 and the distance from its knot; the last interval is the extension.
+    /// Interval that holds `x`; the last is the extension, and the first holds what lies below zero.
     ///
     /// # Real-time
-    /// O(1); a value that is negative or not a number counts as 0.
+    /// O(1); not a number counts as 0.
     #[inline]
-    pub fn locate(&self, x: f64) -> (usize, f64) {
-        let x = if x > 0.0 { x } else { 0.0 };
-        let bin = ((x * self.bins_per_m) as usize).min(self.bins.len().saturating_sub(1));
+    pub fn locate(&self, x: f64) -> usize {
+        let bin = ((x * self.bins_per_m) as u32 as usize).min(self.bins.len().saturating_sub(1));
         let mut i = self.bins.get(bin).copied().unwrap_or(0) as usize;
         while let Some(&next) = self.knots.get(i + 1) {
-            if x < next {
+            if !(x >= next) {
                 break;
             }
             i += 1;
         }
-        (i, x - self.knots.get(i).copied().unwrap_or(0.0))
+        i
     }
 }
 
-/// Up to nine test points with weights: a point of an element, whose three nodes mix up to three test points each.
+/// One interval of the curves of three test points: what (5) mixes while the deflection stays in it.
 #[derive(Debug, Clone, Copy)]
-pub struct Mixture {
-    terms: [(u32, f64); 9],
-    len: usize,
+pub struct Rows<'a, const N: usize> {
+    /// The interval's knot, and from where to where it holds, m.
+    knot: f64,
+    low: f64,
+    high: f64,
+    rows: [&'a [f64; N]; 3],
 }
 
-impl Mixture {
-    /// The mixture at area coordinates `n` of nodes that mix `points` with `weights`.
+impl<const N: usize> Rows<'_, N> {
+    /// Rows that hold nowhere: to be looked up before the first mix.
+    pub const NONE: Self = Rows { knot: 0.0, low: f64::INFINITY, high: f64::INFINITY, rows: [&[0.0; N]; 3] };
+
+    /// Whether a deflection lies in this interval.
     #[inline]
-    pub fn new(n: [f64; 3], points: [&[u32; 3]; 3], weights: [&[f64; 3]; 3]) -> Self {
-        let mut terms = [(0, 0.0); 9];
-        if points[0] == points[1] && points[0] == points[2] {
-            for j in 0..3 {
-                let weight = n[0] * weights[0][j] + n[1] * weights[1][j] + n[2] * weights[2][j];
-                terms[j] = (points[0][j], weight);
-            }
-            return Mixture { terms, len: 3 };
-        }
-        if weights[0][0] == 1.0 && weights[1][0] == 1.0 && weights[2][0] == 1.0 {
-            for l in 0..3 {
-                terms[l] = (points[l][0], n[l]);
-            }
-            return Mixture { terms, len: 3 };
-        }
-        for l in 0..3 {
-            for j in 0..3 {
-                terms[3 * l + j] = (points[l][j], n[l] * weights[l][j]);
-            }
-        }
-        Mixture { terms, len: 9 }
+    pub fn hold(&self, deflection: f64) -> bool {
+        self.low <= deflection && deflection < self.high
     }
 
-    /// (test point, weight) pairs.
+    /// Σ weight × row: the mixed interval.
     #[inline]
-    pub fn terms(&self) -> &[(u32, f64)] {
-        self.terms.get(..self.len).unwrap_or(&[])
+    pub fn mix(&self, weights: [f64; 3]) -> [f64; N] {
+        let ([a, b, c], [x, y, z]) = (self.rows, weights);
+        std::array::from_fn(|i| x * a[i] + y * b[i] + z * c[i])
+    }
+
+    /// Distance of a deflection from the knot; none below zero.
+    #[inline]
+    pub fn distance(&self, deflection: f64) -> f64 {
+        (deflection - self.knot).max(0.0)
     }
 }
 
 /// Value, slope and integral of a mixed curve.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Sample {
-    /// N, or none for friction.
+    /// N; without unit for friction.
     pub value: f64,
     /// Per m.
     pub slope: f64,
-    /// J.
+    /// J; of no use for friction.
     pub energy: f64,
 }
 
-/// The depth row of a test point at one interval: f^z and μ over the same δz.
-#[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
-struct DepthRow {
-    /// ∫f^z to the knot, then f^z's powers.
-    normal: [f64; 5],
-    /// μ's powers.
-    friction: [f64; 4],
-}
+/// A test point's f^z and μ in one interval of δz: ∫f^z to the knot, f^z's four powers, μ's four powers.
+pub type DepthRow = [f64; 9];
 
-/// ∫f^r to the knot, then f^r's powers.
-type LateralRow = [f64; 5];
+/// A test point's f^r in one interval of δr: ∫f^r to the knot, then f^r's four powers.
+pub type LateralRow = [f64; 5];
 
 /// The responses of all test points, in power form over shared knots.
 #[derive(Debug, Clone, PartialEq)]
@@ -159,13 +144,15 @@ impl Responses {
             r.check(depth.values(), lateral.values()).map_err(|(problem, mend)| {
                 BodyError::invalid(format!("test point {t}"), problem, mend)
             })?;
-            let row = |p: &Piece| {
+            let friction = r.friction.pieces();
+            depth_rows.extend(r.normal.pieces().iter().zip(friction).map(|(n, f)| {
+                let ([a, b, c, d], [e, f, g, h]) = (n.coefficients, f.coefficients);
+                [n.integral, a, b, c, d, e, f, g, h]
+            }));
+            lateral_rows.extend(r.lateral.pieces().iter().map(|p| {
                 let [a, b, c, d] = p.coefficients;
                 [p.integral, a, b, c, d]
-            };
-            let friction = r.friction.pieces();
-            depth_rows.extend(r.normal.pieces().iter().zip(friction).map(|(n, f)| DepthRow { normal: row(n), friction: f.coefficients }));
-            lateral_rows.extend(r.lateral.pieces().iter().map(row));
+            }));
         }
         Ok(Responses { depth, lateral, depth_rows, lateral_rows })
     }
@@ -190,45 +177,22 @@ impl Responses {
         &self.lateral
     }
 
-    /// (5): the mixed normal curve and the mixed friction coefficient at δz.
+    /// The interval of three test points' normal and friction curves that holds δz.
     ///
     /// # Real-time
-    /// Bounded, no allocation, never panics.
+    /// O(1), no allocation, never panics: a test point that does not exist answers nothing.
     #[inline]
-    pub fn normal_and_friction(&self, mixture: &Mixture, depth: f64) -> (Sample, Sample) {
-        let (interval, t) = self.depth.locate(depth);
-        let mut mixed = DepthRow::zeroed();
-        for &(point, weight) in mixture.terms() {
-            if let Some(row) = self.depth_rows.get(point as usize * self.depth.knots.len() + interval) {
-                for (m, r) in mixed.normal.iter_mut().zip(row.normal) {
-                    *m += weight * r;
-                }
-                for (m, r) in mixed.friction.iter_mut().zip(row.friction) {
-                    *m += weight * r;
-                }
-            }
-        }
-        let [a, b, c, d] = mixed.friction;
-        let friction = Sample { value: a + t * (b + t * (c + t * d)), slope: b + t * (2.0 * c + t * (3.0 * d)), energy: 0.0 };
-        (sample(mixed.normal, t), friction)
+    pub fn depth_rows(&self, points: [u32; 3], depth: f64) -> Rows<'_, 9> {
+        rows(&self.depth, &self.depth_rows, points, depth)
     }
 
-    /// (5): the mixed lateral curve at δr ≥ 0.
+    /// The interval of three test points' lateral curves that holds δr.
     ///
     /// # Real-time
-    /// Bounded, no allocation, never panics.
+    /// As [`Responses::depth_rows`].
     #[inline]
-    pub fn lateral(&self, mixture: &Mixture, deflection: f64) -> Sample {
-        let (interval, t) = self.lateral.locate(deflection);
-        let mut mixed = [0.0; 5];
-        for &(point, weight) in mixture.terms() {
-            if let Some(row) = self.lateral_rows.get(point as usize * self.lateral.knots.len() + interval) {
-                for (m, r) in mixed.iter_mut().zip(row) {
-                    *m += weight * r;
-                }
-            }
-        }
-        sample(mixed, t)
+    pub fn lateral_rows(&self, points: [u32; 3], deflection: f64) -> Rows<'_, 5> {
+        rows(&self.lateral, &self.lateral_rows, points, deflection)
     }
 
     /// Bytes that a step may read.
@@ -238,9 +202,25 @@ impl Responses {
 }
 
 #[inline]
-fn sample([integral, a, b, c, d]: LateralRow, t: f64) -> Sample {
-    let [value, slope, energy] = Piece { integral, coefficients: [a, b, c, d] }.eval(t);
-    Sample { value, slope, energy }
+fn rows<'a, const N: usize>(knots: &Knots, table: &'a [[f64; N]], points: [u32; 3], x: f64) -> Rows<'a, N> {
+    let interval = knots.locate(x);
+    let knot = knots.knots.get(interval).copied().unwrap_or(0.0);
+    let columns = knots.knots.len();
+    Rows {
+        knot,
+        low: if interval == 0 { f64::NEG_INFINITY } else { knot },
+        high: knots.knots.get(interval + 1).copied().unwrap_or(f64::INFINITY),
+        rows: points.map(|point| table.get(point as usize * columns + interval).unwrap_or(&[0.0; N])),
+    }
+}
+
+impl Sample {
+    /// The curve with these powers at distance t from its knot, and `integral` up to there.
+    #[inline]
+    pub fn at(integral: f64, powers: [f64; 4], t: f64) -> Self {
+        let [value, slope, energy] = Piece { integral, coefficients: powers }.eval(t);
+        Sample { value, slope, energy }
+    }
 }
 
 impl Response {
@@ -333,21 +313,25 @@ mod tests {
         let points = [response(400.0, 0.2), response(700.0, 0.4), response(550.0, 0.3)];
         let table = Responses::new(&points).unwrap();
         let n = [0.2, 0.5, 0.3];
-        let (p, w) = ([[0, 0, 0], [1, 1, 1], [2, 2, 2]], [[1.0, 0.0, 0.0]; 3]);
-        let mixture = Mixture::new(n, [&p[0], &p[1], &p[2]], [&w[0], &w[1], &w[2]]);
-        for i in 0..200 {
+        for i in -1..200 {
             let d = i as f64 * 5e-5;
-            let (normal, friction) = table.normal_and_friction(&mixture, d);
-            let lateral = table.lateral(&mixture, d);
+            let rows = table.depth_rows([0, 1, 2], d);
+            assert!(rows.hold(d));
+            let [integral, a, b, c, e, rest @ ..] = rows.mix(n);
+            let (normal, friction) = (
+                Sample::at(integral, [a, b, c, e], rows.distance(d)),
+                Sample::at(0.0, rest, rows.distance(d)),
+            );
+            let rows = table.lateral_rows([0, 1, 2], d);
+            let [integral, a, b, c, e] = rows.mix(n);
+            let lateral = Sample::at(integral, [a, b, c, e], rows.distance(d));
             let sum = |f: &dyn Fn(&Response) -> f64| -> f64 { (0..3).map(|l| n[l] * f(&points[l])).sum() };
             assert!((normal.value - sum(&|r| r.normal.value(d))).abs() < 1e-12);
             assert!((normal.energy - sum(&|r| r.normal.integral(d))).abs() < 1e-15);
-            assert!((normal.slope - sum(&|r| r.normal.slope(d))).abs() < 1e-9);
+            assert!(d < 0.0 || (normal.slope - sum(&|r| r.normal.slope(d))).abs() < 1e-9);
             assert!((friction.value - sum(&|r| r.friction.value(d))).abs() < 1e-12);
             assert!((lateral.value - sum(&|r| r.lateral.value(d))).abs() < 1e-12);
         }
-        let (outside, _) = table.normal_and_friction(&mixture, -1.0);
-        assert_eq!(outside.value, 0.0);
     }
 
     proptest! {
@@ -357,7 +341,7 @@ mod tests {
             for h in steps { knots.push(knots[knots.len() - 1] + h); }
             let table = Knots::new(&knots).unwrap();
             for x in knots.iter().copied().chain([at * knots[knots.len() - 1], 1e9, -1.0, f64::NAN, f64::INFINITY]) {
-                let (i, _) = table.locate(x);
+                let i = table.locate(x);
                 let want = knots.iter().skip(1).take_while(|&&k| x >= k).count();
                 prop_assert_eq!(i, want);
             }

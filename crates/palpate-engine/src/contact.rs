@@ -1,6 +1,6 @@
 //! One contact: the step and its stages (MODEL 3).
 
-use crate::field::{Ablation, Field, Law};
+use crate::field::{Ablation, Field, Law, Site};
 use crate::output::{ContactPoint, Counters, Flags, Ledger, Output, ToolPose};
 use crate::sensitivity;
 use crate::slip::{self, End};
@@ -78,11 +78,14 @@ impl Contact {
             return Output { flags, energy: self.energy, ..Output::default() };
         };
         let Some(at) = self.touch(body, tip, &mut flags) else { return self.untouched(flags) };
-        let field = self.stick(body, at, tip);
-        let (at, field, end) = self.slip(body, at, field, tip, &mut flags);
-        let (at, field, end) = self.release(body, at, field, end, tip, &mut flags);
-        match end {
-            Some(end) => self.answer(body, at, tip, field, end, flags),
+        let mut site = Site::new(body, self.law, at.element);
+        let field = self.stick(&mut site, at, tip);
+        let (at, field, end) = self.slip(&mut site, at, field, tip, &mut flags);
+        if field.depth > 0.0 && end != End::Border {
+            return self.answer(body, at, tip, &field, end, flags);
+        }
+        match self.release(&mut site, end, tip, &mut flags) {
+            Some((at, field, end)) => self.answer(body, at, tip, &field, end, flags),
             None => self.untouched(flags),
         }
     }
@@ -94,7 +97,7 @@ impl Contact {
     /// Not part of the step: a measuring instrument.
     pub fn lipschitz_n_per_m(&self, body: &Body) -> Option<f64> {
         match self.state {
-            State::Touching { at, tip } => sensitivity::lipschitz(body, &self.law, at, tip),
+            State::Touching { at, tip } => sensitivity::lipschitz(body, self.law, at, tip),
             _ => None,
         }
     }
@@ -150,30 +153,34 @@ impl Contact {
         if self.law.radius_m == 0.0 {
             return at;
         }
-        slip::slip(body, &self.law, at, self.law.evaluate(body, at, tip), tip).at
+        let mut site = Site::new(body, self.law, at.element);
+        let field = site.evaluate(at.n, tip);
+        slip::slip(&mut site, at, field, tip).at
     }
 
     /// Stage 2: the tool moves with the contact point held.
-    fn stick(&mut self, body: &Body, at: SurfacePoint, tip: DVec3) -> Field {
-        let field = self.law.evaluate(body, at, tip);
+    #[inline]
+    fn stick(&mut self, site: &mut Site, at: SurfacePoint, tip: DVec3) -> Field {
+        let field = site.evaluate(at.n, tip);
         self.energy.stick(field.energy());
         field
     }
 
     /// Stage 3: the contact point moves with the tool held, until the lateral force is within the friction limit.
+    #[inline]
     fn slip(
         &mut self,
-        body: &Body,
+        site: &mut Site,
         at: SurfacePoint,
         field: Field,
         tip: DVec3,
         flags: &mut Flags,
     ) -> (SurfacePoint, Field, End) {
         let SlipRule::Paper = self.rule else { return (at, field, End::Settled) };
-        let slipped = slip::slip(body, &self.law, at, field, tip);
-        if slipped.evaluations == 0 && !slipped.moved {
-            return (at, field, slipped.end);
+        if slip::within(field.pull.value, &field) {
+            return (at, field, End::Settled);
         }
+        let slipped = slip::slip(site, at, field, tip);
         self.energy.slip(slipped.field.energy());
         flags.slipping |= slipped.moved;
         self.counters.slips += u64::from(slipped.moved);
@@ -182,40 +189,37 @@ impl Contact {
         (slipped.at, slipped.field, slipped.end)
     }
 
-    /// Stage 4: the contact ends at δz ≤ 0 or over the border. A tip that is then still inside, in a concave facet or
-    /// another sheet, touches anew at its nearest surface point. `None`: no contact.
+    /// Stage 4: the contact ends, at δz ≤ 0 or over the border. A tip that is then still inside, in a concave facet or
+    /// another sheet, touches anew at its nearest surface point.
+    #[cold]
     fn release(
         &mut self,
-        body: &Body,
-        at: SurfacePoint,
-        field: Field,
+        site: &mut Site,
         end: End,
         tip: DVec3,
         flags: &mut Flags,
-    ) -> (SurfacePoint, Field, Option<End>) {
+    ) -> Option<(SurfacePoint, Field, End)> {
+        let body = site.body;
+        self.energy.slip(0.0);
         if end == End::Border {
-            self.energy.slip(0.0);
             flags.border = true;
             flags.released = true;
             // Beyond the border the tip may hang under the sheet: only seen from outside may it touch again.
             self.look_around(body, tip, true, flags);
             flags.started_inside = false;
-            return (at, field, None);
+            return None;
         }
-        if field.depth > 0.0 {
-            return (at, field, Some(end));
-        }
-        self.energy.slip(0.0);
         let inside = body.nearest(tip, f64::INFINITY).filter(|n| !n.outside && n.distance > ON_SURFACE);
         if let Some(nearest) = inside {
             let at = self.settle(body, nearest.at, tip);
-            let field = self.law.evaluate(body, at, tip);
+            *site = Site::new(body, self.law, at.element);
+            let field = site.evaluate(at.n, tip);
             // Stored energy appears at a fixed tip: the ledger books it as generated.
             self.energy.slip(field.energy());
-            let (at, field, end) = self.slip(body, at, field, tip, flags);
+            let (at, field, end) = self.slip(site, at, field, tip, flags);
             if field.depth > 0.0 && end != End::Border {
                 flags.reanchored = true;
-                return (at, field, Some(end));
+                return Some((at, field, end));
             }
             self.energy.slip(0.0);
         }
@@ -225,20 +229,22 @@ impl Contact {
         flags.onset &= !hovers;
         self.counters.onsets = self.counters.onsets.saturating_sub(u64::from(hovers));
         self.state = State::Free { tip, asked_at: tip, clear: 0.0 };
-        (at, field, None)
+        None
     }
 
     /// Stage 5: the state for the next step, and the force.
+    #[inline]
     fn answer(
         &mut self,
         body: &Body,
         at: SurfacePoint,
         tip: DVec3,
-        mut field: Field,
+        field: &Field,
         end: End,
         mut flags: Flags,
     ) -> Output {
         self.state = State::Touching { at, tip };
+        let mut force = -field.force();
         match end {
             End::Blocked => {
                 flags.blocked = true;
@@ -247,12 +253,11 @@ impl Contact {
             End::Capped => {
                 flags.capped = true;
                 self.counters.capped += 1;
-                field.pull.value = field.pull.value.min(field.limit);
+                force += field.u_r * (field.pull.value - field.limit).max(0.0);
             }
             End::Settled | End::Border => {}
         }
         flags.in_contact = true;
-        let mut force = -field.force();
         if !force.is_finite() {
             // The output choke point: nothing that is not a number leaves.
             flags.contained = true;

@@ -1,7 +1,7 @@
 //! The force law: local frame, deflection, mixed responses, stored energy (paper, (1) to (5); MODEL 2).
 
 use glam::DVec3;
-use palpate_body::{Body, Node, Sample, SurfacePoint};
+use palpate_body::{Body, Node, Rows, Sample, SurfacePoint};
 
 /// Which interpolations are taken away, as in the paper's section 5: either makes the force jump at mesh edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -19,11 +19,51 @@ pub enum Ablation {
 
 /// What fixes the force for a given contact point and tip.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Law {
+pub(crate) struct Law {
     /// Interpolations.
     pub ablation: Ablation,
     /// Radius of the spherical tool, m; 0 for a point.
     pub radius_m: f64,
+}
+
+impl Law {
+    fn interpolates_frames(self) -> bool {
+        matches!(self.ablation, Ablation::None | Ablation::Responses)
+    }
+
+    fn interpolates_responses(self) -> bool {
+        matches!(self.ablation, Ablation::None | Ablation::Coordinates)
+    }
+
+    /// Whether frames and responses agree on the two sides of every edge that is no crease.
+    #[inline]
+    pub(crate) fn is_continuous(self) -> bool {
+        self.ablation == Ablation::None
+    }
+}
+
+/// An element as the law sees it: its nodes, and the curves that are mixed at the deflections of the moment. Good
+/// for many evaluations, as long as the contact point stays in the element.
+#[derive(Clone, Copy)]
+pub(crate) struct Site<'a> {
+    pub body: &'a Body,
+    pub law: Law,
+    pub element: u32,
+    nodes: [&'a Node; 3],
+    mix: Mix,
+    depth: Rows<'a, 9>,
+    lateral: Rows<'a, 5>,
+}
+
+/// Whose curves the element mixes.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Mix {
+    /// Each node is its own test point.
+    Own,
+    /// All nodes mix the same three test points.
+    Shared,
+    /// Up to nine test points: where the element lies across the triangles of test points.
+    Wide,
 }
 
 /// The state of the force law at one contact point and tip.
@@ -41,70 +81,168 @@ pub(crate) struct Field {
     pub u_r: DVec3,
     /// f_c^z, its slope, its energy.
     pub normal: Sample,
-    /// μ_c and its slope.
-    pub friction: Sample,
+    /// μ_c.
+    pub friction: f64,
+    /// Its slope, 1/m.
+    pub friction_slope: f64,
     /// f_c^r, its slope, its energy.
     pub pull: Sample,
     /// Friction limit L = μ f^z, N.
     pub limit: f64,
 }
 
-impl Law {
-    /// The frame's û before normalising.
+impl<'a> Site<'a> {
+    /// The element under the contact point.
     #[inline]
-    pub(crate) fn frame(&self, nodes: [&Node; 3], n: [f64; 3]) -> DVec3 {
-        match self.ablation {
-            Ablation::None | Ablation::Responses => {
-                nodes[0].inward * n[0] + nodes[1].inward * n[1] + nodes[2].inward * n[2]
-            }
-            Ablation::Coordinates | Ablation::Both => {
-                let [a, b, c] = nodes.map(|n| n.position);
-                (c - a).cross(b - a)
+    pub fn new(body: &'a Body, law: Law, element: u32) -> Self {
+        let nodes = body.element_nodes(element);
+        let [a, b, c] = nodes;
+        let mix = if a.weights[0] == 1.0 && b.weights[0] == 1.0 && c.weights[0] == 1.0 {
+            Mix::Own
+        } else if a.test_points == b.test_points && a.test_points == c.test_points {
+            Mix::Shared
+        } else {
+            Mix::Wide
+        };
+        Site { body, law, element, nodes, mix, depth: Rows::NONE, lateral: Rows::NONE }
+    }
+
+    /// Corner positions, m.
+    #[inline]
+    pub fn corners(&self) -> [DVec3; 3] {
+        self.nodes.map(|n| n.position)
+    }
+
+    #[inline]
+    fn points(&self) -> [u32; 3] {
+        match self.mix {
+            Mix::Own => self.nodes.map(|n| n.test_points[0]),
+            Mix::Shared | Mix::Wide => self.nodes[0].test_points,
+        }
+    }
+
+    /// Weights of the test points at area coordinates `n`; linear in `n`.
+    #[inline]
+    fn weights(&self, n: [f64; 3]) -> [f64; 3] {
+        match self.mix {
+            Mix::Own => n,
+            Mix::Shared | Mix::Wide => {
+                let [a, b, c] = self.nodes.map(|n| n.weights);
+                std::array::from_fn(|j| n[0] * a[j] + n[1] * b[j] + n[2] * c[j])
             }
         }
     }
 
-    /// The area coordinates that mix the responses.
+    /// The mixed intervals of the normal and friction curves and of the lateral curve. `n` mixes the nodes.
     #[inline]
-    pub(crate) fn response_coordinates(&self, n: [f64; 3]) -> [f64; 3] {
-        match self.ablation {
-            Ablation::None | Ablation::Coordinates => n,
-            Ablation::Responses | Ablation::Both => [1.0 / 3.0; 3],
+    fn mixed(&mut self, n: [f64; 3], depth: f64, lateral: f64) -> ([f64; 9], [f64; 5]) {
+        if self.mix == Mix::Wide {
+            return self.mixed_widely(n, depth, lateral);
+        }
+        if !self.depth.hold(depth) {
+            self.depth = self.body.responses().depth_rows(self.points(), depth);
+        }
+        if !self.lateral.hold(lateral) {
+            self.lateral = self.body.responses().lateral_rows(self.points(), lateral);
+        }
+        let weights = self.weights(n);
+        (self.depth.mix(weights), self.lateral.mix(weights))
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn mixed_widely(&mut self, n: [f64; 3], depth: f64, lateral: f64) -> ([f64; 9], [f64; 5]) {
+        let (mut z, mut r) = ([0.0; 9], [0.0; 5]);
+        for (n, node) in n.into_iter().zip(self.nodes) {
+            let weights = node.weights.map(|w| n * w);
+            self.depth = self.body.responses().depth_rows(node.test_points, depth);
+            self.lateral = self.body.responses().lateral_rows(node.test_points, lateral);
+            for (sum, x) in z.iter_mut().zip(self.depth.mix(weights)) {
+                *sum += x;
+            }
+            for (sum, x) in r.iter_mut().zip(self.lateral.mix(weights)) {
+                *sum += x;
+            }
+        }
+        (z, r)
+    }
+
+    /// Σ n u, before normalising.
+    #[inline]
+    fn frame(&self, n: [f64; 3]) -> DVec3 {
+        let [a, b, c] = self.nodes;
+        if self.law.interpolates_frames() {
+            a.inward * n[0] + b.inward * n[1] + c.inward * n[2]
+        } else {
+            (c.position - a.position).cross(b.position - a.position)
         }
     }
 
-    /// Whether frames and responses agree on the two sides of every edge that is no crease.
-    #[inline]
-    pub(crate) fn is_continuous(&self) -> bool {
-        self.ablation == Ablation::None
-    }
-
-    /// Frame (2), deflection, and mixed responses (5) for contact point `at` and tool reference point `tip`.
-    #[inline]
-    pub(crate) fn evaluate(&self, body: &Body, at: SurfacePoint, tip: DVec3) -> Field {
-        let nodes = body.element_nodes(at.element);
-        let c = nodes[0].position
-            + (nodes[1].position - nodes[0].position) * at.n[1]
-            + (nodes[2].position - nodes[0].position) * at.n[2];
-        let frame = self.frame(nodes, at.n);
+    /// Frame (2), deflection, and mixed responses (5) for area coordinates `n` and tool reference point `tip`.
+    #[inline(always)]
+    pub fn evaluate(&mut self, n: [f64; 3], tip: DVec3) -> Field {
+        let frame = self.frame(n);
         let u_length = frame.length();
-        let u = frame / u_length;
+        let u = frame * (1.0 / u_length);
 
         // x = p + R û: the radius adds to the depth and leaves the lateral part alone.
-        let offset = tip - c;
+        let [a, b, c] = self.corners();
+        let offset = tip - (a + (b - a) * n[1] + (c - a) * n[2]);
         let height = offset.dot(u);
-        let depth = height + self.radius_m;
+        let depth = height + self.law.radius_m;
         let tangential = offset - u * height;
         let lateral = tangential.length();
-        let u_r = if lateral > 0.0 { tangential / lateral } else { DVec3::ZERO };
+        let u_r = if lateral > 0.0 { tangential * (1.0 / lateral) } else { DVec3::ZERO };
 
-        let mixture = Body::mixture(nodes, self.response_coordinates(at.n));
-        let (mut normal, friction) = body.responses().normal_and_friction(&mixture, depth);
-        if depth <= 0.0 {
-            normal = Sample::default();
-        }
-        let pull = body.responses().lateral(&mixture, lateral);
-        Field { u, u_length, depth, lateral, u_r, normal, friction, pull, limit: friction.value * normal.value }
+        let mixed_at = if self.law.interpolates_responses() { n } else { [1.0 / 3.0; 3] };
+        let ([integral, z0, z1, z2, z3, m0, m1, m2, m3], [r_integral, r0, r1, r2, r3]) =
+            self.mixed(mixed_at, depth, lateral);
+        let t = self.depth.distance(depth);
+        let normal = if depth > 0.0 { Sample::at(integral, [z0, z1, z2, z3], t) } else { Sample::default() };
+        let friction = Sample::at(0.0, [m0, m1, m2, m3], t);
+        let (friction, friction_slope) = (friction.value, friction.slope);
+        let pull = Sample::at(r_integral, [r0, r1, r2, r3], self.lateral.distance(lateral));
+        Field { u, u_length, depth, lateral, u_r, normal, friction, friction_slope, pull, limit: friction * normal.value }
+    }
+
+    /// How `f`, just evaluated at this site, changes while the area coordinates move at the rates `r`.
+    #[inline(always)]
+    pub fn drift(&mut self, f: &Field, r: [f64; 3]) -> Drift {
+        let [a, b, c] = self.corners();
+        let t = (b - a) * r[1] + (c - a) * r[2];
+        let du = if self.law.interpolates_frames() {
+            let turn = self.frame(r);
+            (turn - f.u * f.u.dot(turn)) * (1.0 / f.u_length)
+        } else {
+            DVec3::ZERO
+        };
+
+        // δ = p − c changes by −t, and with it δz = δ·û + R and δ_t = δ − (δ·û) û.
+        let d_depth = f.lateral * f.u_r.dot(du) - t.dot(f.u);
+        let d_tangential = -t - f.u * d_depth - du * (f.depth - self.law.radius_m);
+        let d_lateral = f.u_r.dot(d_tangential);
+        let du_r = if f.lateral > 0.0 { (d_tangential - f.u_r * d_lateral) * (1.0 / f.lateral) } else { DVec3::ZERO };
+
+        // (5) is linear in the area coordinates: their rates mix the responses' own gradient.
+        let r = if self.law.interpolates_responses() { r } else { [0.0; 3] };
+        let ([_, z0, z1, z2, z3, m0, m1, m2, m3], [_, r0, r1, r2, r3]) = self.mixed(r, f.depth, f.lateral);
+        let (t, s) = (self.depth.distance(f.depth), self.lateral.distance(f.lateral));
+        let normal = if f.depth > 0.0 { z0 + t * (z1 + t * (z2 + t * z3)) } else { 0.0 };
+        let friction = m0 + t * (m1 + t * (m2 + t * m3));
+        let pull = r0 + s * (r1 + s * (r2 + s * r3));
+
+        let d_normal = f.normal.slope * d_depth + normal;
+        let d_pull = f.pull.slope * d_lateral + pull;
+        let limit = f.limit_slope() * d_depth + friction * f.normal.value + f.friction * normal;
+        let force = f.u * d_normal + du * f.normal.value + f.u_r * d_pull + du_r * f.pull.value;
+        Drift { force, pull: d_pull, limit }
+    }
+}
+
+impl Law {
+    /// The field at a contact point, once.
+    pub(crate) fn evaluate(self, body: &Body, at: SurfacePoint, tip: DVec3) -> Field {
+        Site::new(body, self, at.element).evaluate(at.n, tip)
     }
 }
 
@@ -124,6 +262,24 @@ impl Field {
     /// (μ f^z)', N/m.
     #[inline]
     pub(crate) fn limit_slope(&self) -> f64 {
-        self.friction.slope * self.normal.value + self.friction.value * self.normal.slope
+        self.friction_slope * self.normal.value + self.friction * self.normal.slope
+    }
+}
+
+/// Rates of a field while the contact point moves at a fixed tip.
+pub(crate) struct Drift {
+    /// Of f_c, N/m.
+    pub force: DVec3,
+    /// Of f_r, N/m.
+    pub pull: f64,
+    /// Of L, N/m.
+    pub limit: f64,
+}
+
+impl Drift {
+    /// η = d(L − f_r)/ds of MODEL 5, certificate S: how fast slip takes the drive to its limit, N/m.
+    #[inline]
+    pub(crate) fn eta(&self) -> f64 {
+        self.limit - self.pull
     }
 }

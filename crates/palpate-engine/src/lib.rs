@@ -33,5 +33,5 @@ mod slip;
 mod walk;
 
 pub use contact::Contact;
-pub use field::{Ablation, Law};
+pub use field::Ablation;
 pub use output::{ContactPoint, Counters, Flags, Ledger, Output, ToolPose};

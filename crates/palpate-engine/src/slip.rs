@@ -1,10 +1,10 @@
 //! Slip: at a fixed tip, the contact point moves until the drive is within the friction limit (paper, section 3.2;
 //! MODEL 4, rule `paper`).
 
-use crate::field::{Field, Law};
+use crate::field::{Field, Site};
 use crate::walk::{Launch, Stop, launch, rates, walk};
 use glam::DVec3;
-use palpate_body::{Body, SurfacePoint};
+use palpate_body::SurfacePoint;
 
 /// Bound on evaluations of the force law a step.
 pub(crate) const MAX_EVALUATIONS: u32 = 64;
@@ -37,61 +37,52 @@ pub(crate) struct Slipped {
     pub crossings: u32,
 }
 
-/// The slip search's view of the world, and what is left of its bounds.
-struct Search<'a> {
-    body: &'a Body,
-    law: &'a Law,
+/// The slip search: where the contact point is, what the law reads there, and what is left of the bounds.
+struct Search<'s, 'a> {
+    site: &'s mut Site<'a>,
     tip: DVec3,
+    at: SurfacePoint,
+    field: Field,
     evaluations: u32,
     crossings: u32,
 }
 
-/// Lets the contact point run from `at`, where the law reads `field`.
+/// Lets the contact point run from `at`, where the law reads `field`. `site` is at's element.
 #[inline]
-pub(crate) fn slip(body: &Body, law: &Law, at: SurfacePoint, field: Field, tip: DVec3) -> Slipped {
-    let mut search = Search { body, law, tip, evaluations: MAX_EVALUATIONS, crossings: MAX_CROSSINGS };
-    let (start, mut at, mut field) = (at, at, field);
-    let end = search.run(&mut at, &mut field);
-    let (evaluations, crossings) = (MAX_EVALUATIONS - search.evaluations, MAX_CROSSINGS - search.crossings);
-    Slipped { at, field, moved: at != start, end, evaluations, crossings }
+pub(crate) fn slip(site: &mut Site, at: SurfacePoint, field: Field, tip: DVec3) -> Slipped {
+    let mut search = Search { site, tip, at, field, evaluations: MAX_EVALUATIONS, crossings: MAX_CROSSINGS };
+    let end = search.run();
+    let Search { at: end_at, field, evaluations, crossings, .. } = search;
+    Slipped {
+        at: end_at,
+        field,
+        moved: end_at != at,
+        end,
+        evaluations: MAX_EVALUATIONS - evaluations,
+        crossings: MAX_CROSSINGS - crossings,
+    }
 }
 
-impl Search<'_> {
-    fn run(&mut self, at: &mut SurfacePoint, field: &mut Field) -> End {
+impl Search<'_, '_> {
+    fn run(&mut self) -> End {
         let mut stalled = 0;
-        while !within(field.pull.value, field) {
+        while !within(self.field.pull.value, &self.field) {
             if self.evaluations == 0 || self.crossings == 0 {
                 return End::Capped;
             }
-            let before = *at;
-            let u_r = field.u_r;
-            let way = if self.law.is_continuous() && !self.on_crease(*at) {
-                launch(self.body, *at, |_| u_r)
-            } else {
-                launch(self.body, *at, |there| self.law.evaluate(self.body, there, self.tip).u_r)
+            let v = match self.launch() {
+                Ok(v) => v,
+                Err(end) => return end,
             };
-            let v = match way {
-                Launch::Held => return End::Blocked,
-                Launch::Border => return End::Border,
-                Launch::Edge(there, along) => {
-                    // On an edge only the component along it drives.
-                    if within(field.pull.value * u_r.dot(along), field) {
-                        return End::Blocked;
-                    }
-                    *at = there;
-                    along
-                }
-                Launch::Along(there) => {
-                    *at = there;
-                    u_r
-                }
-            };
-            if at.element != before.element {
-                *field = self.evaluate(*at);
+            let start = self.at;
+            if self.newton(v) {
+                stalled = 0;
+                continue;
             }
-            let travelled = self.line(at, field, v);
+            self.at = start;
+            self.evaluate_again();
             // Two sides that send the point to each other make no way.
-            stalled = if travelled < CLOSED { stalled + 1 } else { 0 };
+            stalled = if self.line(v) < CLOSED { stalled + 1 } else { 0 };
             if stalled > 2 {
                 return End::Blocked;
             }
@@ -99,95 +90,146 @@ impl Search<'_> {
         End::Settled
     }
 
+    /// The drive's direction from here, if there is a way: the contact point may stand on an edge or a vertex.
+    #[inline]
+    fn launch(&mut self) -> Result<DVec3, End> {
+        let u_r = self.field.u_r;
+        if self.at.n[0] != 0.0 && self.at.n[1] != 0.0 && self.at.n[2] != 0.0 {
+            return Ok(u_r);
+        }
+        let (body, law, tip) = (self.site.body, self.site.law, self.tip);
+        let way = if law.is_continuous() && !body.has_creases() {
+            launch(body, self.at, |_| u_r)
+        } else {
+            launch(body, self.at, |there| law.evaluate(body, there, tip).u_r)
+        };
+        let (there, v) = match way {
+            Launch::Held => return Err(End::Blocked),
+            Launch::Border => return Err(End::Border),
+            // On an edge only the component along it drives.
+            Launch::Edge(_, along) if within(self.field.pull.value * u_r.dot(along), &self.field) => {
+                return Err(End::Blocked);
+            }
+            Launch::Edge(there, along) => (there, Some(along)),
+            Launch::Along(there) => (there, None),
+        };
+        if there.element != self.at.element {
+            self.at = there;
+            self.evaluate_again();
+        }
+        Ok(v.unwrap_or(self.field.u_r))
+    }
+
+    /// Newton's method on f_r − L, each time along the drive of the moment: three evaluations where the body is
+    /// smooth. False if it does not close in, and a slower search has to do.
+    ///
+    /// Its first iterate without the curvature and the gradients would be the paper's |δr − δs|.
+    #[inline]
+    fn newton(&mut self, v: DVec3) -> bool {
+        let mut v = v;
+        let mut excess = self.field.pull.value * self.field.u_r.dot(v) - self.field.limit;
+        let mut r = rates(self.site.corners(), v);
+        let mut slope = self.site.drift(&self.field, r).eta();
+        let least = 0.1 * self.field.pull.slope;
+        while self.evaluations > 0 && slope > least {
+            let way = excess / slope;
+            let (at, _, stop) = walk(self.site.body, self.at, v * way, r.map(|r| r * way), &mut self.crossings);
+            self.at = at;
+            self.evaluate();
+            // Seen along the old drive: past the root it has changed sides where L is nearly 0.
+            let seen = self.field.pull.value * self.field.u_r.dot(v) - self.field.limit;
+            let now = self.field.pull.value - self.field.limit;
+            if now.abs() <= tolerance(&self.field) || stop != Stop::Reached {
+                return true;
+            }
+            if now.abs() > 0.5 * excess.abs() {
+                return false;
+            }
+            slope = (excess - seen) / way;
+            excess = now;
+            v = self.field.u_r;
+            r = rates(self.site.corners(), v);
+        }
+        false
+    }
+
     /// Walks along the projection of `v` to where the drive's component along v meets the limit, or as far as the
     /// surface lets it. Returns how far it went.
     ///
     /// The root is sought on the **signed** component f_r (u_r·v) − L: |δ_t| never falls below zero, so that the
     /// root would be missed wherever L ≈ 0, as at every onset.
-    fn line(&mut self, at: &mut SurfacePoint, field: &mut Field, v: DVec3) -> f64 {
+    #[cold]
+    #[inline(never)]
+    fn line(&mut self, v: DVec3) -> f64 {
         let drive = |f: &Field| f.pull.value * f.u_r.dot(v) - f.limit;
-        let (mut s, mut g) = (0.0, drive(field));
+        let (mut s, mut g) = (0.0, drive(&self.field));
         if g <= 0.0 {
             return 0.0;
         }
         // Largest s with g > 0, and the least with g < 0 with what is there.
         let mut low = 0.0;
-        let mut high: Option<(f64, SurfacePoint, Field)> = None;
-        let mut target = g / self.decline(*at, field, v);
+        let mut high: Option<(f64, SurfacePoint)> = None;
+        let eta = self.site.drift(&self.field, rates(self.site.corners(), v)).eta();
+        let mut target = g / if eta > 0.1 * self.field.pull.slope { eta } else { self.field.pull.slope.max(1e-9) };
         let mut tries = 0;
         while self.evaluations > 0 {
-            let (direction, way) = if target >= s { (v, target - s) } else { (-v, s - target) };
-            let (there, walked, stop) = walk(self.body, *at, direction, way, &mut self.crossings);
+            let way = target - s;
+            let r = rates(self.site.corners(), v * way);
+            let (at, part, stop) = walk(self.site.body, self.at, v * way, r, &mut self.crossings);
+            self.at = at;
+            self.evaluate_again();
             let (s_before, g_before) = (s, g);
-            s += if target >= s { walked } else { -walked };
-            *at = there;
-            *field = self.evaluate(there);
-            g = drive(field);
+            s += part * way;
+            g = drive(&self.field);
             tries += 1;
-            if g.abs() <= tolerance(field) {
+            if g.abs() <= tolerance(&self.field) {
                 return s;
             }
             if g > 0.0 {
                 low = s;
-                if stop != Stop::Reached {
+                if stop != Stop::Reached && way > 0.0 {
                     return s;
                 }
             } else {
-                high = Some((s, there, *field));
+                high = Some((s, self.at));
             }
             let secant = s - g * (s - s_before) / (g - g_before);
             target = match high {
-                Some((end, there, f)) => {
-                    if end - low <= CLOSED {
-                        // A jump of the frame or the response: rest on its far side, within the limit.
-                        (*at, *field) = (there, f);
-                        return end;
-                    }
-                    let inside = secant > low && secant < end;
-                    if inside && tries < 6 { secant } else { 0.5 * (low + end) }
+                Some((end, there)) if end - low <= CLOSED => {
+                    // A jump of the frame or the response: rest on its far side, within the limit.
+                    self.at = there;
+                    self.evaluate_again();
+                    return end;
                 }
+                Some((end, _)) if secant > low && secant < end && tries < 6 => secant,
+                Some((end, _)) => 0.5 * (low + end),
                 None if secant > s && secant < s + 8.0 * way => secant,
-                None => s + 2.0 * way,
+                None => s + 2.0 * way.abs(),
             };
         }
         s
     }
 
-    /// −d/ds of the signed drive along the walk: the certificate's η with the responses' own gradient left out.
-    #[inline]
-    fn decline(&self, at: SurfacePoint, f: &Field, v: DVec3) -> f64 {
-        let nodes = self.body.element_nodes(at.element);
-        let corners = nodes.map(|n| n.position);
-        let r = rates(corners, v);
-        let t = (corners[1] - corners[0]) * r[1] + (corners[2] - corners[0]) * r[2];
-        let bend = if self.law.is_continuous() {
-            let turn = nodes[0].inward * r[0] + nodes[1].inward * r[1] + nodes[2].inward * r[2];
-            // u_r is at right angles to û: the part of the turn along û drops out.
-            v.dot(turn - f.u * f.u.dot(turn)) / f.u_length
-        } else {
-            0.0
-        };
-        let direct = f.pull.slope * t.dot(v);
-        let eta = f.pull.slope * (t.dot(v) + (f.depth - self.law.radius_m) * bend)
-            + f.limit_slope() * (f.lateral * bend - f.u.dot(t));
-        if eta > 0.2 * direct && direct > 0.0 { eta } else { direct.max(0.1 * f.pull.slope).max(1e-9) }
-    }
-
-    fn evaluate(&mut self, at: SurfacePoint) -> Field {
+    #[inline(always)]
+    fn evaluate(&mut self) {
         self.evaluations = self.evaluations.saturating_sub(1);
-        self.law.evaluate(self.body, at, self.tip)
+        if self.site.element != self.at.element {
+            *self.site = Site::new(self.site.body, self.site.law, self.at.element);
+        }
+        self.field = self.site.evaluate(self.at.n, self.tip);
     }
 
-    /// Whether a point on an edge stands where the two sides keep their own nodes.
-    fn on_crease(&self, at: SurfacePoint) -> bool {
-        // Creases double nodes; without any, every node is its vertex.
-        self.body.has_creases() && at.n.iter().any(|&n| n == 0.0)
+    /// The same off the fast path.
+    #[cold]
+    #[inline(never)]
+    fn evaluate_again(&mut self) {
+        self.evaluate();
     }
 }
 
 /// Whether a force is within the limit, up to [`tolerance`].
 #[inline]
-fn within(force: f64, field: &Field) -> bool {
+pub(crate) fn within(force: f64, field: &Field) -> bool {
     force - field.limit <= tolerance(field)
 }
 

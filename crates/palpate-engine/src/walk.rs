@@ -29,7 +29,7 @@ pub(crate) enum Launch {
     Held,
 }
 
-/// Velocities of the area coordinates when the contact point moves with the projection of `v` on the element's plane.
+/// Rates of the area coordinates when the contact point moves with the projection of `v` on the element's plane.
 #[inline]
 pub(crate) fn rates(corners: [DVec3; 3], v: DVec3) -> [f64; 3] {
     let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);
@@ -40,54 +40,61 @@ pub(crate) fn rates(corners: [DVec3; 3], v: DVec3) -> [f64; 3] {
     [-(r1 + r2), r1, r2]
 }
 
-/// Moves `at` for a time `s` with the projection of the unit vector `v` on each element that it comes through: the
-/// steepest way up along v. Returns where it ended, the time that took, and why it ended.
+/// Moves `at` by the projection of the displacement `way` (m) on each element that it comes through. Returns where it
+/// ended, what part of the way that was, and why it ended. `r` are the [`rates`] of `way` in the first element.
 ///
 /// `crossings` is what is left of the step's bound.
 #[inline]
-pub(crate) fn walk(body: &Body, mut at: SurfacePoint, v: DVec3, s: f64, crossings: &mut u32) -> (SurfacePoint, f64, Stop) {
-    let mut left = s;
-    let mut r = rates(body.corners(at.element), v);
+pub(crate) fn walk(
+    body: &Body,
+    mut at: SurfacePoint,
+    way: DVec3,
+    mut r: [f64; 3],
+    crossings: &mut u32,
+) -> (SurfacePoint, f64, Stop) {
+    let mut left = 1.0;
     loop {
+        let [_, n1, n2] = ahead(at.n, r, left);
+        let n0 = 1.0 - n1 - n2;
+        if n0 >= 0.0 && n1 >= 0.0 && n2 >= 0.0 {
+            at.n = [n0, n1, n2];
+            return (at, 1.0, Stop::Reached);
+        }
         // The first coordinate to reach zero. One that stands at zero and moves by rounding alone stays.
         let still = -1e-12 * (r[0].abs() + r[1].abs() + r[2].abs());
-        let mut exit = (f64::INFINITY, 0);
+        let mut time = left;
+        let mut exit = None;
         for i in 0..3 {
-            if r[i] < still {
-                let time = at.n[i] / -r[i];
-                if time < exit.0 {
-                    exit = (time, i);
-                }
+            if r[i] < still && at.n[i] <= -r[i] * time {
+                time = at.n[i] / -r[i];
+                exit = Some(i);
             }
         }
-        let time = left.min(exit.0);
-        for i in 0..3 {
-            at.n[i] = (at.n[i] + r[i] * time).max(0.0);
-        }
-        if exit.0 >= left {
-            normalise(&mut at.n);
-            return (at, s, Stop::Reached);
-        }
+        at.n = ahead(at.n, r, time).map(|n| n.max(0.0));
         left -= time;
-        let opposite = exit.1;
-        if let Some(n) = at.n.get_mut(opposite) {
+        if let Some(n) = exit.and_then(|i| at.n.get_mut(i)) {
             *n = 0.0;
         }
         normalise(&mut at.n);
+        let Some(opposite) = exit else { return (at, 1.0, Stop::Reached) };
         if *crossings == 0 {
-            return (at, s - left, Stop::Cap);
+            return (at, 1.0 - left, Stop::Cap);
         }
         *crossings -= 1;
         let Some((beyond, apex)) = step_over(body, at, opposite) else {
-            return (at, s - left, Stop::Border);
+            return (at, 1.0 - left, Stop::Border);
         };
-        let next = rates(body.corners(beyond.element), v);
-        if next.get(apex).is_none_or(|&r| r <= 0.0) {
-            return (at, s - left, Stop::Edge);
+        r = rates(body.corners(beyond.element), way);
+        if pick(r, apex) <= 0.0 {
+            return (at, 1.0 - left, Stop::Edge);
         }
         at = beyond;
-        r = next;
     }
+}
+
+#[inline]
+fn ahead(n: [f64; 3], r: [f64; 3], time: f64) -> [f64; 3] {
+    [n[0] + r[0] * time, n[1] + r[1] * time, n[2] + r[2] * time]
 }
 
 /// Where the drive can take a contact point that may stand on an edge or a vertex. `drive` gives the drive as seen
