@@ -330,7 +330,7 @@ const NO_NODE: Node =
 
 /// What [`Surface::build`] promises, checked again for surfaces that come from a file.
 fn check_surface(surface: &Surface) -> Result<()> {
-    let Surface { positions, inward, elements, vertices } = surface;
+    let Surface { positions, inward, elements, vertices, .. } = surface;
     let bad = |place: String, problem: &str| Err(BodyError::invalid(place, problem, "make the body again"));
     if elements.is_empty() || elements.len() > MAX_ELEMENTS || vertices.len() != positions.len() {
         return bad("surface".into(), "it has no elements, too many, or nodes without a vertex");

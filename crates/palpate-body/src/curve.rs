@@ -274,7 +274,7 @@ pub(crate) fn check_knots(knots: &[f64]) -> Result<()> {
     }
     for (i, pair) in knots.windows(2).enumerate() {
         // 1e-9 m is far below what a deflection means; it keeps the divided differences finite.
-        if !(pair[1] - pair[0] >= 1e-9 && pair[1] <= 10.0) {
+        if !pair[1].is_finite() || pair[1] - pair[0] < 1e-9 || pair[1] > 10.0 {
             return bad(format!("deflection {}", i + 1), format!("{} m after {} m", pair[1], pair[0]));
         }
     }
@@ -285,7 +285,7 @@ pub(crate) fn check_knots(knots: &[f64]) -> Result<()> {
 pub const MAX_KNOTS: usize = 512;
 
 fn check_finite(values: &[f64]) -> Result<()> {
-    match values.iter().position(|v| !(v.abs() <= 1e12)) {
+    match values.iter().position(|v| !v.is_finite() || v.abs() > 1e12) {
         Some(i) => Err(BodyError::invalid(format!("value {i}"), format!("{} is no usable number", values[i]), "give finite values in SI units")),
         None => Ok(()),
     }

@@ -55,10 +55,11 @@ impl Knots {
         let bin = ((x * self.bins_per_m) as u32 as usize).min(self.bins.len().saturating_sub(1));
         let mut i = self.bins.get(bin).copied().unwrap_or(0) as usize;
         while let Some(&next) = self.knots.get(i + 1) {
-            if !(x >= next) {
+            if x >= next {
+                i += 1;
+            } else {
                 break;
             }
-            i += 1;
         }
         i
     }

@@ -304,7 +304,7 @@ pub(crate) fn point([a, b, c]: [DVec3; 3], n: [f64; 3]) -> DVec3 {
 }
 
 /// Area coordinates of the point of a triangle nearest to `p` (Ericson 2005, section 5.1.5).
-fn nearest_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> [f64; 3] {
+pub(crate) fn nearest_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> [f64; 3] {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
     if d1 <= 0.0 && d2 <= 0.0 {
@@ -392,12 +392,9 @@ impl Ray {
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];
-        // Anticlockwise from outside and seen from outside: all three on the same side, zero included.
-        if !(u >= 0.0 && v >= 0.0 && w >= 0.0) && !(u <= 0.0 && v <= 0.0 && w <= 0.0) {
-            return None;
-        }
+        // Anticlockwise seen from outside: a segment that comes from there has all three on its left, or at zero.
         let sum = u + v + w;
-        if !(sum > 0.0) {
+        if u < 0.0 || v < 0.0 || w < 0.0 || sum.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
             return None;
         }
         let n = [u / sum, v / sum, w / sum];

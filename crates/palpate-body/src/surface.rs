@@ -46,6 +46,7 @@ pub struct Surface {
     pub(crate) inward: Vec<DVec3>,
     pub(crate) elements: Vec<Element>,
     pub(crate) vertices: Vec<u32>,
+    pub(crate) smoothed: usize,
 }
 
 impl Surface {
@@ -87,8 +88,8 @@ impl Surface {
         }
 
         let positions: Vec<DVec3> = vertices.iter().map(|&v| mesh.positions[v as usize]).collect();
-        let inward = inward_normals(&positions, &elements)?;
-        Ok(Surface { positions, inward, elements, vertices })
+        let (inward, smoothed) = inward_normals(&positions, &elements)?;
+        Ok(Surface { positions, inward, elements, vertices, smoothed })
     }
 
     /// Node positions, m, (nodes × 3).
@@ -109,6 +110,11 @@ impl Surface {
     /// The vertex that each node sits on; the node's own number unless a crease passes through it.
     pub fn vertices(&self) -> &[u32] {
         &self.vertices
+    }
+
+    /// Nodes in folds, whose normals opposed each other and were replaced by the mean of those around.
+    pub fn smoothed_normals(&self) -> usize {
+        self.smoothed
     }
 
     /// Replaces the nodal normals, e.g. by a shape's exact ones.
@@ -184,24 +190,28 @@ pub(crate) fn check_normals(inward: &[DVec3], positions: &[DVec3], elements: &[E
         return Err(BodyError::invalid("normals", "their number is not the nodes'", "give one for each node"));
     }
     for (n, u) in inward.iter().enumerate() {
-        if !((u.length() - 1.0).abs() <= 1e-6) {
-            return Err(BodyError::invalid(format!("normal {n}"), "it is not a unit vector", "normalise it"));
+        if !u.is_normalized() {
+            return Err(BodyError::invalid(format!("normal {n}"), "it is not a unit vector", "normalise it, to 1e-4"));
         }
     }
-    for (t, element) in elements.iter().enumerate() {
-        // Area coordinates mix the three without vanishing anywhere if all lie on one side of a plane.
-        let u = element.nodes.map(|n| inward[n as usize]);
-        let sum = u[0] + u[1] + u[2];
-        if u.iter().any(|u| !(u.dot(sum) > 1e-3)) {
-            let p = positions[element.nodes[0] as usize];
-            return Err(BodyError::invalid(
-                format!("triangle {t} at ({:.6}, {:.6}, {:.6}) m", p.x, p.y, p.z),
-                "the inward normals of its nodes oppose each other: the surface is folded too sharply there",
-                "refine or smooth the mesh there, or keep the edge sharp with a crease angle",
-            ));
-        }
+    if let Some(t) = elements.iter().position(|e| opposes(e, inward)) {
+        let p = positions[elements[t].nodes[0] as usize];
+        return Err(BodyError::invalid(
+            format!("triangle {t} at ({:.6}, {:.6}, {:.6}) m", p.x, p.y, p.z),
+            "the inward normals of its nodes oppose each other: the surface is folded too sharply there",
+            "refine or smooth the mesh there, or keep the edge sharp with a crease angle",
+        ));
     }
     Ok(())
+}
+
+/// Whether the mix of an element's three normals comes near to vanishing somewhere in it.
+fn opposes(element: &Element, inward: &[DVec3]) -> bool {
+    let u = element.nodes.map(|n| inward[n as usize]);
+    let n = crate::search::nearest_on_triangle(DVec3::ZERO, u);
+    let shortest = crate::search::point(u, n).length();
+    // Written so that a normal that is not a number counts as opposing.
+    !shortest.ge(&0.1)
 }
 
 /// Twin half-edges by sorting undirected edges.
@@ -253,9 +263,8 @@ fn smooth_corners(mesh: &TriangleMesh, twins: &[[u32; 3]], crease_angle: f64) ->
         }
         x
     }
-    for t in 0..twins.len() {
-        for i in 0..3 {
-            let twin = twins[t][i];
+    for (t, own) in twins.iter().enumerate() {
+        for (i, &twin) in own.iter().enumerate() {
             if twin == NO_TWIN || twin < (3 * t + i) as u32 {
                 continue;
             }
@@ -274,7 +283,7 @@ fn smooth_corners(mesh: &TriangleMesh, twins: &[[u32; 3]], crease_angle: f64) ->
 }
 
 /// Inward unit normals, the faces' weighted by their corner's angle (Thürmer and Wüthrich 1998).
-fn inward_normals(positions: &[DVec3], elements: &[Element]) -> Result<Vec<DVec3>> {
+fn inward_normals(positions: &[DVec3], elements: &[Element]) -> Result<(Vec<DVec3>, usize)> {
     let mut sums = vec![DVec3::ZERO; positions.len()];
     for element in elements {
         let p = element.nodes.map(|n| positions[n as usize]);
@@ -283,9 +292,38 @@ fn inward_normals(positions: &[DVec3], elements: &[Element]) -> Result<Vec<DVec3
             sums[element.nodes[i] as usize] += inward * corner_angle(p, i);
         }
     }
-    let inward: Vec<DVec3> = sums.into_iter().map(DVec3::normalize_or_zero).collect();
+    let mut inward: Vec<DVec3> = sums.into_iter().map(DVec3::normalize_or_zero).collect();
+    let smoothed = smooth_folds(&mut inward, elements);
     check_normals(&inward, positions, elements)?;
-    Ok(inward)
+    Ok((inward, smoothed))
+}
+
+/// Organ meshes have the odd fin or fold, a triangle wide, where normals oppose: there they are replaced by the mean
+/// of those around. Returns how many were.
+fn smooth_folds(inward: &mut [DVec3], elements: &[Element]) -> usize {
+    let mut folded = std::collections::BTreeSet::new();
+    for _ in 0..10 {
+        let before = folded.len();
+        for element in elements.iter().filter(|e| opposes(e, inward)) {
+            folded.extend(element.nodes);
+        }
+        if folded.is_empty() || (folded.len() == before && !elements.iter().any(|e| opposes(e, inward))) {
+            break;
+        }
+        let mut sums: std::collections::BTreeMap<u32, DVec3> = folded.iter().map(|&n| (n, DVec3::ZERO)).collect();
+        for element in elements {
+            let sum: DVec3 = element.nodes.iter().map(|&n| inward[n as usize]).sum();
+            for n in element.nodes {
+                if let Some(s) = sums.get_mut(&n) {
+                    *s += sum;
+                }
+            }
+        }
+        for (n, sum) in sums {
+            inward[n as usize] = sum.normalize_or(inward[n as usize]);
+        }
+    }
+    folded.len()
 }
 
 /// Angle of corner i, rad.

@@ -64,9 +64,9 @@ pub(crate) fn walk(
         let still = -1e-12 * (r[0].abs() + r[1].abs() + r[2].abs());
         let mut time = left;
         let mut exit = None;
-        for i in 0..3 {
-            if r[i] < still && at.n[i] <= -r[i] * time {
-                time = at.n[i] / -r[i];
+        for (i, (&n, &rate)) in at.n.iter().zip(&r).enumerate() {
+            if rate < still && n <= -rate * time {
+                time = n / -rate;
                 exit = Some(i);
             }
         }

@@ -1,3 +1,4 @@
+//! smoke
 mod common;
 use common::*;
 use glam::DVec3;

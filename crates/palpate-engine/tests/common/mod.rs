@@ -7,11 +7,11 @@ use palpate_engine::{Contact, Output, ToolPose};
 
 /// xorshift64*: the same numbers everywhere.
 #[derive(Clone)]
-pub struct Rng(pub u64);
+pub struct Chance(pub u64);
 
-impl Rng {
+impl Chance {
     pub fn new(seed: u64) -> Self {
-        Rng(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0xD1B5_4A32_D192_ED03)
+        Chance(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0xD1B5_4A32_D192_ED03)
     }
     pub fn next(&mut self) -> u64 {
         self.0 ^= self.0 >> 12;
@@ -198,7 +198,7 @@ pub fn uniform(mesh: &TriangleMesh, kz: f64, kr: f64, friction: f64) -> Body {
 }
 
 /// Each node its own stiffness, within ±`spread` of the mean; smooth if `smooth`.
-pub fn heterogeneous(mesh: &TriangleMesh, rng: &mut Rng, spread: f64, friction: f64) -> Body {
+pub fn heterogeneous(mesh: &TriangleMesh, rng: &mut Chance, spread: f64, friction: f64) -> Body {
     let surface = Surface::build(mesh, f64::INFINITY).unwrap();
     let (a, b) = (rng.direction() * 60.0, rng.direction() * 60.0);
     let (kz, kr) = (rng.range(300.0, 900.0), rng.range(300.0, 900.0));

@@ -1,0 +1,160 @@
+//! The model written down slowly and obviously: brute-force search, one curve at a time, slip in tiny steps.
+#![allow(dead_code, reason = "each test file uses its own part")]
+
+use glam::DVec3;
+use palpate_body::{Body, Response};
+
+/// What the force law reads at one contact point.
+#[derive(Clone, Copy, Debug)]
+pub struct Reading {
+    pub u: DVec3,
+    pub depth: f64,
+    pub lateral: f64,
+    pub u_r: DVec3,
+    pub fz: f64,
+    pub fr: f64,
+    pub limit: f64,
+    pub energy: f64,
+}
+
+impl Reading {
+    pub fn force_on_tool(&self) -> DVec3 {
+        -(self.u * self.fz + self.u_r * self.fr)
+    }
+}
+
+pub struct Reference<'a> {
+    body: &'a Body,
+    responses: Vec<Response>,
+    neighbours: Vec<Vec<usize>>,
+    contact: Option<(usize, DVec3)>,
+    last: Option<DVec3>,
+}
+
+impl<'a> Reference<'a> {
+    pub fn new(body: &'a Body) -> Self {
+        let responses = (0..body.nodes().len()).map(|n| body.node_response(n).unwrap()).collect();
+        let triangles: Vec<[u32; 3]> = body.elements().iter().map(|e| e.nodes).collect();
+        let touching = |a: &[u32; 3]| {
+            (0..triangles.len()).filter(|&b| triangles[b].iter().any(|n| a.contains(n))).collect::<Vec<_>>()
+        };
+        let neighbours = triangles.iter().map(touching).collect();
+        Reference { body, responses, neighbours, contact: None, last: None }
+    }
+
+    fn corners(&self, element: usize) -> [DVec3; 3] {
+        self.body.elements()[element].nodes.map(|n| self.body.nodes()[n as usize].position)
+    }
+
+    /// Area coordinates of a point in an element's plane, by areas (3).
+    pub fn area_coordinates(&self, element: usize, p: DVec3) -> [f64; 3] {
+        let [a, b, c] = self.corners(element);
+        let normal = (b - a).cross(c - a);
+        let area = |p: DVec3, q: DVec3, r: DVec3| (q - p).cross(r - p).dot(normal);
+        [area(p, b, c), area(a, p, c), area(a, b, p)].map(|x| x / normal.length_squared())
+    }
+
+    /// (1) to (5) at contact point `c` of `element`.
+    pub fn read(&self, element: usize, c: DVec3, tip: DVec3) -> Reading {
+        let n = self.area_coordinates(element, c);
+        let nodes = self.body.elements()[element].nodes.map(|n| n as usize);
+        let u = (0..3).map(|l| self.body.nodes()[nodes[l]].inward * n[l]).sum::<DVec3>().normalize();
+        let mix = |f: &dyn Fn(&Response) -> f64| -> f64 { (0..3).map(|l| n[l] * f(&self.responses[nodes[l]])).sum() };
+        let delta = tip - c;
+        let depth = delta.dot(u) + self.body.tool().radius_m;
+        let tangential = delta - u * delta.dot(u);
+        let lateral = tangential.length();
+        let fz = if depth > 0.0 { mix(&|r| r.normal.value(depth)) } else { 0.0 };
+        let fr = mix(&|r| r.lateral.value(lateral));
+        let mu = mix(&|r| r.friction.value(depth));
+        let stored = if depth > 0.0 { mix(&|r| r.normal.integral(depth)) } else { 0.0 };
+        Reading {
+            u,
+            depth,
+            lateral,
+            u_r: tangential.normalize_or_zero(),
+            fz,
+            fr,
+            limit: mu * fz,
+            energy: stored + mix(&|r| r.lateral.integral(lateral)),
+        }
+    }
+
+    /// One sample of a point tool; the force on it.
+    pub fn step(&mut self, tip: DVec3) -> DVec3 {
+        let from = self.last.replace(tip);
+        if self.contact.is_none() {
+            self.contact = from.and_then(|from| self.onset(from, tip));
+        }
+        let Some((element, c)) = self.contact else { return DVec3::ZERO };
+        let (element, c) = self.slip(element, c, tip);
+        let reading = self.read(element, c, tip);
+        if reading.depth <= 0.0 {
+            self.contact = None;
+            return DVec3::ZERO;
+        }
+        self.contact = Some((element, c));
+        reading.force_on_tool()
+    }
+
+    pub fn contact(&self) -> Option<(usize, DVec3)> {
+        self.contact
+    }
+
+    /// The first face that the segment enters, of all of them.
+    fn onset(&self, from: DVec3, to: DVec3) -> Option<(usize, DVec3)> {
+        let mut first: Option<(f64, usize)> = None;
+        for element in 0..self.body.elements().len() {
+            let [a, b, c] = self.corners(element);
+            let normal = (b - a).cross(c - a);
+            let (height, speed) = ((from - a).dot(normal), (to - from).dot(normal));
+            if speed < 0.0 && height >= 0.0 && height <= -speed {
+                let t = -height / speed;
+                let inside = self.area_coordinates(element, from + (to - from) * t).iter().all(|&n| n >= -1e-12);
+                if inside && first.is_none_or(|f| t < f.0) {
+                    first = Some((t, element));
+                }
+            }
+        }
+        first.map(|(t, element)| (element, from + (to - from) * t))
+    }
+
+    /// ċ along P u_r while f_r > L, in steps that are a small part of what is left.
+    fn slip(&self, mut element: usize, mut c: DVec3, tip: DVec3) -> (usize, DVec3) {
+        for _ in 0..20_000 {
+            let reading = self.read(element, c, tip);
+            let excess = reading.fr - reading.limit;
+            if excess <= 1e-9 * reading.limit + 1e-11 * reading.fr / reading.lateral.max(1e-12) {
+                break;
+            }
+            let stiffness = (reading.fr / reading.lateral).max(1.0);
+            let way = reading.u_r * (excess / stiffness / 40.0);
+            // Of the elements that hold c, the one in which the projected drive goes inwards.
+            let holds = |e: usize| {
+                let [a, b, d] = self.corners(e);
+                let normal = (b - a).cross(d - a).normalize();
+                let velocity = way - normal * way.dot(normal);
+                let n = self.area_coordinates(e, c);
+                let ahead = self.area_coordinates(e, c + velocity * 1e-3);
+                let here = (c - a).dot(normal).abs() < 1e-11 && n.iter().all(|&x| x > -1e-8);
+                let stays = (0..3).all(|i| n[i] > 1e-8 || ahead[i] >= n[i] - 1e-15);
+                (here && stays).then_some((e, velocity))
+            };
+            let around = std::iter::once(element).chain(self.neighbours[element].iter().copied());
+            let Some((e, velocity)) = around.into_iter().find_map(holds) else { break };
+            element = e;
+            // Not past the edge.
+            let n = self.area_coordinates(element, c);
+            let end = self.area_coordinates(element, c + velocity);
+            let part = (0..3)
+                .filter(|&i| end[i] < 0.0 && end[i] < n[i])
+                .map(|i| n[i].max(0.0) / (n[i] - end[i]))
+                .fold(1.0, f64::min);
+            let corners = self.corners(element);
+            let at: Vec<f64> = (0..3).map(|i| (n[i] + part * (end[i] - n[i])).max(0.0)).collect();
+            let sum: f64 = at.iter().sum();
+            c = (0..3).map(|i| corners[i] * (at[i] / sum)).sum();
+        }
+        (element, c)
+    }
+}

@@ -1,0 +1,114 @@
+//! The fast step against the slow reference, on random bodies and paths.
+
+#[path = "common/reference.rs"]
+mod slow;
+
+mod common;
+
+use common::*;
+use glam::DVec3;
+use palpate_body::{Body, TriangleMesh};
+use palpate_engine::Contact;
+use proptest::prelude::*;
+use slow::Reference;
+
+fn mesh(kind: usize) -> TriangleMesh {
+    match kind {
+        0 => ellipsoid(DVec3::splat(0.03), 2),
+        1 => ellipsoid(DVec3::new(0.03, 0.04, 0.025), 2),
+        2 => torus(0.04, 0.02, 20, 14),
+        3 => cylinder(0.03, 0.1, 24, 11),
+        _ => patch(0.08, 9),
+    }
+}
+
+/// From above a random element: in, about, and out again.
+fn path(body: &Body, rng: &mut Chance, steps: usize, spacing: f64) -> Vec<DVec3> {
+    let (p, inward) = loop {
+        let nodes = body.element_nodes(rng.below(body.elements().len()) as u32);
+        let p = (nodes[0].position + nodes[1].position + nodes[2].position) / 3.0;
+        if p.z.abs() < 0.03 && p.x.abs().max(p.y.abs()) < 0.06 {
+            break (p, nodes[0].inward);
+        }
+    };
+    let side = inward.cross(rng.direction()).normalize();
+    let other = inward.cross(side);
+    let (bend, deep) = (rng.range(-3.0, 3.0), rng.range(1e-3, 4e-3));
+    let mut x = p - inward * 3e-4;
+    let mut path = vec![x];
+    let down = (deep / spacing) as usize;
+    for i in 0..steps {
+        let a = bend * i as f64 / steps as f64;
+        x += if i < down { inward } else { side * libm::cos(a) + other * libm::sin(a) } * spacing;
+        path.push(x);
+    }
+    path
+}
+
+/// Largest difference of the two forces, relative to the largest force.
+fn difference(body: &Body, path: &[DVec3]) -> f64 {
+    let (mut fast, mut slow) = (Contact::new(body), Reference::new(body));
+    let (mut worst, mut largest) = (0.0f64, 0.0f64);
+    for &x in path {
+        let (output, expected) = (step(&mut fast, body, x), slow.step(x));
+        if output.flags.border || output.flags.blocked {
+            break;
+        }
+        worst = worst.max((force(&output) - expected).length());
+        largest = largest.max(expected.length());
+    }
+    worst / largest.max(1e-3)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// They slip in other step sizes, so they agree better the finer the path is sampled.
+    #[test]
+    fn the_fast_step_follows_the_slow_one(seed in any::<u64>(), kind in 0usize..5) {
+        let mut rng = Chance::new(seed);
+        let friction = rng.range(0.1, 0.5);
+        let body = heterogeneous(&mesh(kind), &mut rng, 0.35, friction);
+        let coarse = path(&body, &mut rng, 120, 1e-4);
+        let error = difference(&body, &coarse);
+        prop_assert!(error < 2e-2, "{error}");
+        let fine: Vec<DVec3> = coarse
+            .windows(2)
+            .flat_map(|w| (0..8).map(move |i| w[0] + (w[1] - w[0]) * (i as f64 / 8.0)))
+            .collect();
+        let finer = difference(&body, &fine);
+        prop_assert!(finer < (0.3 * error).max(3e-4), "{error} {finer}");
+    }
+
+    /// At the contact point that the fast step found, the force is the law's, and within the friction limit.
+    #[test]
+    fn force_and_limit_are_the_laws(seed in any::<u64>(), kind in 0usize..5) {
+        let mut rng = Chance::new(seed);
+        let body = heterogeneous(&mesh(kind), &mut rng, 0.5, 0.3);
+        let spacing = rng.range(1e-5, 2e-3);
+        let path = path(&body, &mut rng, 300, spacing);
+        let slow = Reference::new(&body);
+        let mut contact = Contact::new(&body);
+        for &x in &path {
+            let output = step(&mut contact, &body, x);
+            let Some(at) = output.contact else {
+                prop_assert_eq!(output.force_n, [0.0; 3]);
+                continue;
+            };
+            let reading = slow.read(at.element as usize, DVec3::from_array(at.position_m), x);
+            prop_assert!((at.delta_z_m - reading.depth).abs() < 1e-12);
+            prop_assert!((at.delta_r_m - reading.lateral).abs() < 1e-11);
+            if output.flags.capped || output.flags.blocked {
+                continue;
+            }
+            let error = (force(&output) - reading.force_on_tool()).length();
+            prop_assert!(error < 1e-9 * (1.0 + reading.fz), "{error}");
+            let excess = reading.fr - reading.limit;
+            prop_assert!(excess <= 1e-8 * reading.limit + 1e-8, "{excess} over {}", reading.limit);
+            if output.flags.slipping && reading.limit > 1e-6 {
+                prop_assert!(excess >= -1e-8 * reading.limit - 1e-8, "slipped too far: {excess}");
+            }
+        }
+        prop_assert!(imbalance(&step(&mut contact, &body, path[0])) < 1e-9);
+    }
+}
