@@ -226,5 +226,5 @@ pub fn force(output: &Output) -> DVec3 {
 pub fn imbalance(output: &Output) -> f64 {
     let e = output.energy;
     let moved = e.work_j.abs() + e.stored_j + e.dissipated_j.abs() + e.generated_j;
-    (e.work_j - e.stored_j - e.dissipated_j).abs() / moved.max(1e-12)
+    (e.work_j - e.stored_j - e.dissipated_j).abs() / moved.max(1e-9)
 }

@@ -128,7 +128,7 @@ impl<'a> Reference<'a> {
                 break;
             }
             let stiffness = (reading.fr / reading.lateral).max(1.0);
-            let way = reading.u_r * (excess / stiffness / 40.0);
+            let way = reading.u_r * (excess / stiffness / 24.0);
             // Of the elements that hold c, the one in which the projected drive goes inwards.
             let holds = |e: usize| {
                 let [a, b, d] = self.corners(e);
@@ -136,12 +136,25 @@ impl<'a> Reference<'a> {
                 let velocity = way - normal * way.dot(normal);
                 let n = self.area_coordinates(e, c);
                 let ahead = self.area_coordinates(e, c + velocity * 1e-3);
-                let here = (c - a).dot(normal).abs() < 1e-11 && n.iter().all(|&x| x > -1e-8);
+                let here = (c - a).dot(normal).abs() < 3e-10 && n.iter().all(|&x| x > -1e-8);
                 let stays = (0..3).all(|i| n[i] > 1e-8 || ahead[i] >= n[i] - 1e-15);
                 (here && stays).then_some((e, velocity))
             };
-            let around = std::iter::once(element).chain(self.neighbours[element].iter().copied());
-            let Some((e, velocity)) = around.into_iter().find_map(holds) else { break };
+            let around = || std::iter::once(element).chain(self.neighbours[element].iter().copied());
+            // All of them push back to an edge: the part of the drive along it is left.
+            let along_edge = |e: usize| {
+                let (n, p) = (self.area_coordinates(e, c), self.corners(e));
+                let on = (0..3).filter(|&i| n[i].abs() < 1e-8 && n.iter().all(|&x| x > -1e-8));
+                let velocity = on.map(|i| {
+                    let edge = (p[(i + 2) % 3] - p[(i + 1) % 3]).normalize();
+                    edge * way.dot(edge)
+                });
+                let velocity = velocity.max_by(|a, b| a.length().total_cmp(&b.length()))?;
+                let drives = reading.fr * velocity.length() / way.length() > reading.limit;
+                drives.then_some((e, velocity))
+            };
+            let found = around().find_map(holds).or_else(|| around().find_map(along_edge));
+            let Some((e, velocity)) = found else { break };
             element = e;
             // Not past the edge.
             let n = self.area_coordinates(element, c);

@@ -1,0 +1,164 @@
+//! Fast tips: nothing is missed, and the contact begins on the surface.
+
+mod common;
+
+use common::*;
+use glam::DVec3;
+use palpate_body::{Body, Surface, TriangleMesh};
+use palpate_engine::Contact;
+
+/// Friction so high that the contact point stays where the tip came in.
+fn sticky(mesh: &TriangleMesh) -> Body {
+    uniform(mesh, 600.0, 500.0, 1e3)
+}
+
+/// Distance of a point from the surface, by every element.
+fn distance(body: &Body, p: DVec3) -> f64 {
+    body.nearest(p, 1.0).map_or(f64::INFINITY, |n| n.distance)
+}
+
+#[test]
+fn ten_thousand_fast_passes_are_all_caught() {
+    let bodies = [
+        ellipsoid(DVec3::splat(0.03), 2),
+        ellipsoid(DVec3::new(0.03, 0.05, 0.02), 3),
+        torus(0.04, 0.015, 24, 12),
+        block(DVec3::new(0.02, 0.02, 0.02), 3),
+        // Plates of 0.1 mm.
+        block(DVec3::new(0.03, 0.03, 5e-5), 4),
+        block(DVec3::new(5e-5, 0.02, 0.03), 1),
+    ]
+    .map(|m| sticky(&m));
+    let mut rng = Chance::new(1);
+    let mut caught = [0; 3];
+    for pass in 0..10_000 {
+        let body = &bodies[pass % bodies.len()];
+        // A target on a face, an edge or a vertex, seen from outside all the faces that meet there.
+        let element = rng.below(body.elements().len()) as u32;
+        let [a, b, c] = body.corners(element);
+        let (kind, target) = match pass % 3 {
+            0 => {
+                let (u, v) = (rng.unit(), rng.unit());
+                let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+                (0, a + (b - a) * u + (c - a) * v)
+            }
+            1 => (1, a + (b - a) * if pass % 2 == 0 { 0.5 } else { rng.unit() }),
+            _ => (2, a),
+        };
+        let mut outward = vec![(b - a).cross(c - a).normalize()];
+        let add = |outward: &mut Vec<DVec3>, e: u32| {
+            let [a, b, c] = body.corners(e);
+            outward.push((b - a).cross(c - a).normalize());
+        };
+        match kind {
+            1 => add(&mut outward, body.across(element, 0).unwrap().0),
+            2 => {
+                body.around(element, 0, |e, _| add(&mut outward, e));
+            }
+            _ => {}
+        }
+        let way = loop {
+            let axis = DVec3::AXES[rng.below(3)] * if rng.unit() < 0.5 { 1.0 } else { -1.0 };
+            let d = if pass % 5 == 0 { axis } else { rng.direction() };
+            if outward.iter().all(|n| d.dot(*n) < -0.05) {
+                break d;
+            }
+            if pass % 5 == 0 && outward.iter().all(|n| (d - n).dot(*n) < -0.05) {
+                break (d - outward[0]).normalize();
+            }
+        };
+        // One millisecond at 0.1 to 20 m/s, the target somewhere on the way.
+        let length = rng.range(1e-4, 2e-2);
+        let before = rng.range(1e-6, 0.95) * length;
+        let (from, to) = (target - way * before, target + way * (length - before));
+        // Something else may lie before the target: then that is what must be hit.
+        let mut contact = Contact::new(body);
+        let first = step(&mut contact, body, from);
+        if first.flags.started_inside {
+            continue;
+        }
+        let output = step(&mut contact, body, to);
+        assert!(output.flags.onset, "pass {pass}: missed {target} from {from} to {to}");
+        caught[kind] += 1;
+        if let Some(at) = output.contact.filter(|_| !output.flags.slipping) {
+            let c = DVec3::from_array(at.position_m);
+            assert!(distance(body, c) < 1e-9, "pass {pass}");
+            let t = (c - from).dot(way).clamp(0.0, length);
+            assert!((from + way * t - c).length() < 1e-9, "pass {pass}: {c} is not on the way");
+        }
+    }
+    assert!(caught.iter().all(|&n| n > 2500), "{caught:?}");
+}
+
+#[test]
+fn a_sphere_is_caught_where_it_first_touches() {
+    let mesh = ellipsoid(DVec3::splat(0.03), 4);
+    let radius = 4e-3;
+    let body = body_of(
+        Surface::build(&mesh, f64::INFINITY).unwrap(),
+        Feel { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| 1e3, radius_m: radius },
+    );
+    let mut rng = Chance::new(2);
+    for _ in 0..1000 {
+        let d = rng.direction();
+        let mut contact = Contact::new(&body);
+        let free = step(&mut contact, &body, d * (0.03 + radius + 1e-5));
+        assert!(!free.flags.in_contact);
+        let depth = rng.range(5e-4, 5e-3);
+        let output = step(&mut contact, &body, d * (0.03 + radius - depth));
+        let at = output.contact.unwrap();
+        assert!((at.delta_z_m - depth).abs() < 1.5e-4, "{} {depth}", at.delta_z_m);
+        assert!(distance(&body, DVec3::from_array(at.position_m)) < 1e-9);
+        let expected = 100.0 * 600.0 * at.delta_z_m * at.delta_z_m;
+        assert!((force(&output).dot(d) - expected).abs() < 1e-3 * expected + 1e-4);
+        let out = step(&mut contact, &body, d * (0.03 + radius + 1e-4));
+        assert!(!out.flags.in_contact && out.flags.released, "{out:?}");
+        assert!(imbalance(&out) < 1e-9, "{out:?}");
+    }
+}
+
+#[test]
+fn a_sphere_passing_fast_is_not_missed() {
+    let radius = 2e-3;
+    let body = body_of(
+        Surface::build(&block(DVec3::new(0.03, 0.03, 5e-5), 4), f64::INFINITY).unwrap(),
+        Feel { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| 1e3, radius_m: radius },
+    );
+    let mut rng = Chance::new(3);
+    for _ in 0..2000 {
+        let (x, y) = (rng.range(-0.025, 0.025), rng.range(-0.025, 0.025));
+        let mut contact = Contact::new(&body);
+        let above = rng.range(2.1e-3, 9e-3);
+        step(&mut contact, &body, DVec3::new(x, y, above));
+        let to = DVec3::new(x + rng.range(-2e-3, 2e-3), y + rng.range(-2e-3, 2e-3), above - rng.range(0.009, 0.02));
+        let output = step(&mut contact, &body, to);
+        assert!(output.flags.onset && output.flags.in_contact, "{x} {y} {above} {to}");
+    }
+}
+
+#[test]
+fn a_tip_that_starts_inside_is_left_alone_until_it_has_left() {
+    let body = uniform(&ellipsoid(DVec3::splat(0.03), 3), 600.0, 500.0, 0.3);
+    let mut contact = Contact::new(&body);
+    for i in 0..300 {
+        let output = step(&mut contact, &body, DVec3::X * (i as f64 * 1.5e-4));
+        assert!(!output.flags.in_contact);
+        let inside = i as f64 * 1.5e-4 < 0.0298;
+        assert!(!inside || output.flags.started_inside, "{i}");
+    }
+    assert!(step(&mut contact, &body, DVec3::X * 0.028).flags.in_contact);
+}
+
+#[test]
+fn free_space_asks_the_surface_only_when_the_clearance_is_used_up() {
+    let body = uniform(&ellipsoid(DVec3::splat(0.03), 3), 600.0, 500.0, 0.3);
+    let mut contact = Contact::new(&body);
+    // The clearance at 50 mm is 20 mm; walking around within it costs no query, so a body that answers nothing does.
+    step(&mut contact, &body, DVec3::new(0.0, 0.0, 0.05));
+    for i in 0..1000 {
+        let a = f64::from(i) * 0.05;
+        let p = DVec3::new(0.015 * libm::cos(a), 0.015 * libm::sin(a), 0.052);
+        assert_eq!(step(&mut contact, &body, p).force_n, [0.0; 3]);
+    }
+    assert!(step(&mut contact, &body, DVec3::new(0.0, 0.0, 0.029)).flags.onset);
+}

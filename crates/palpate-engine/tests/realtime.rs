@@ -1,0 +1,81 @@
+//! What a real-time loop relies on: no allocation, and no input that the contact does not survive.
+
+mod common;
+
+use assert_no_alloc::{AllocDisabler, assert_no_alloc};
+use common::*;
+use glam::DVec3;
+use palpate_engine::{Ablation, Contact, ToolPose};
+
+#[global_allocator]
+static ALLOCATOR: AllocDisabler = AllocDisabler;
+
+#[test]
+fn no_step_allocates() {
+    let mut rng = Chance::new(5);
+    for kind in 0..4 {
+        let mesh = match kind {
+            0 => ellipsoid(DVec3::splat(0.03), 3),
+            1 => cylinder(0.03, 0.1, 24, 11),
+            2 => block(DVec3::splat(0.02), 3),
+            _ => patch(0.06, 8),
+        };
+        let body = heterogeneous(&mesh, &mut rng, 0.4, 0.3);
+        for ablation in [Ablation::None, Ablation::Coordinates, Ablation::Responses, Ablation::Both] {
+            let mut contact = Contact::with_ablation(&body, ablation);
+            let mut x = rng.direction() * 0.05;
+            for _ in 0..4000 {
+                // Smooth, jumping, far, and not a number.
+                x = match rng.below(100) {
+                    0 => rng.direction() * 0.05,
+                    1 => DVec3::new(f64::NAN, 0.0, 1.0),
+                    2 => rng.direction() * 1e3,
+                    _ => x * 0.999 + rng.direction() * 2e-4,
+                };
+                let mut contacts = 0;
+                assert_no_alloc(|| {
+                    contacts += i32::from(contact.step(&body, &ToolPose::at(x.to_array())).flags.in_contact);
+                });
+                if !x.is_finite() || x.length() > 1.0 {
+                    x = rng.direction() * 0.05;
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_contact_survives_poses_that_are_no_numbers() {
+    let body = uniform(&ellipsoid(DVec3::splat(0.03), 3), 600.0, 500.0, 0.3);
+    let (mut clean, mut dirty) = (Contact::new(&body), Contact::new(&body));
+    for i in 0..500 {
+        let x = DVec3::new(1e-5 * f64::from(i), 0.0, 0.031 - 1e-4 * f64::from(i.min(40)));
+        let expected = step(&mut clean, &body, x);
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e7] {
+            let pose = ToolPose { position_m: [0.0, bad, 0.0], orientation: [1.0, 0.0, 0.0, 0.0] };
+            let output = dirty.step(&body, &pose);
+            assert!(output.flags.invalid_pose && output.force_n == [0.0; 3] && output.contact.is_none());
+        }
+        let pose = ToolPose { position_m: x.to_array(), orientation: [f64::NAN, 0.0, 0.0, 0.0] };
+        assert!(dirty.step(&body, &pose).flags.invalid_pose);
+        assert_eq!(step(&mut dirty, &body, x), expected, "as if nothing had been");
+    }
+    assert_eq!(dirty.counters().invalid_poses, 3000);
+}
+
+#[test]
+fn every_force_is_finite_whatever_the_tip_does() {
+    let mut rng = Chance::new(9);
+    for _ in 0..40 {
+        let body = heterogeneous(&ellipsoid(DVec3::new(0.03, 0.02, 0.04), 2), &mut rng, 0.9, 0.3);
+        let mut contact = Contact::new(&body);
+        for _ in 0..2000 {
+            let scale = 10f64.powf(rng.range(-12.0, 6.0));
+            let output = step(&mut contact, &body, rng.direction() * scale);
+            assert!(force(&output).is_finite() && !output.flags.contained);
+            assert_eq!(force(&output) == DVec3::ZERO, !output.flags.in_contact);
+            let c = contact.counters();
+            assert!(c.evaluations <= 64 * 3 * c.steps && c.crossings <= 64 * 3 * c.steps);
+        }
+    }
+}
