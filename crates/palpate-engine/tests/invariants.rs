@@ -1,0 +1,314 @@
+//! The invariants of MODEL 9, on random meshes, responses and paths, slow and fast.
+
+mod common;
+
+use common::*;
+use glam::{DMat3, DQuat, DVec3};
+use palpate_body::{Body, Surface, TriangleMesh};
+use palpate_engine::{Contact, Output};
+use proptest::prelude::*;
+
+/// Polyhedra, icospheres, ellipsoids, tori, open patches.
+fn mesh(kind: usize, chance: &mut Chance) -> TriangleMesh {
+    let size = chance.range(0.02, 0.04);
+    match kind {
+        0 => ellipsoid(DVec3::splat(size), 1 + chance.below(3)),
+        1 => ellipsoid(DVec3::new(size, chance.range(0.02, 0.04), chance.range(0.02, 0.04)), 2),
+        2 => torus(0.04, 0.4 * size, 24, 12),
+        3 => cylinder(size, 0.1, 12 + chance.below(24), 11),
+        4 => block(DVec3::splat(size), 1 + chance.below(4)),
+        _ => patch(0.08, 2 + chance.below(10)),
+    }
+}
+
+const KINDS: usize = 6;
+
+/// A smooth random walk at `speed` m/s and 1 kHz that keeps coming back to the surface.
+struct Wander {
+    x: DVec3,
+    v: DVec3,
+    speed: f64,
+}
+
+impl Wander {
+    fn new(body: &Body, chance: &mut Chance, speed: f64) -> Self {
+        let nodes = body.element_nodes(chance.below(body.elements().len()) as u32);
+        let centre = (nodes[0].position + nodes[1].position + nodes[2].position) / 3.0;
+        Wander { x: centre - nodes[0].inward * 1e-3, v: nodes[0].inward * speed, speed }
+    }
+
+    /// The next sample; `output` is what the last one gave.
+    fn next(&mut self, output: &Output, body: &Body, chance: &mut Chance) -> DVec3 {
+        let nearest = body.nearest(self.x, f64::INFINITY).unwrap();
+        let home = body.point(nearest.at);
+        let deep = output.contact.map_or(0.0, |c| c.delta_z_m);
+        let pull = if deep > 5e-3 {
+            (home - self.x).normalize_or_zero() * 0.4
+        } else if nearest.outside && nearest.distance > 1e-3 {
+            (home - self.x).normalize_or_zero() * 0.3
+        } else {
+            DVec3::ZERO
+        };
+        self.v = (self.v + (chance.direction() * 0.25 + pull) * self.speed).normalize() * self.speed;
+        self.x += self.v * 1e-3;
+        self.x
+    }
+}
+
+/// A path that wanders over a body.
+fn wander(body: &Body, chance: &mut Chance, speed: f64, steps: usize) -> Vec<DVec3> {
+    let (mut w, mut contact) = (Wander::new(body, chance, speed), Contact::new(body));
+    let mut path = vec![w.x];
+    for _ in 0..steps {
+        let output = step(&mut contact, body, w.x);
+        path.push(w.next(&output, body, chance));
+    }
+    path
+}
+
+fn rollout(body: &Body, path: &[DVec3]) -> Vec<Output> {
+    let mut contact = Contact::new(body);
+    path.iter().map(|&x| step(&mut contact, body, x)).collect()
+}
+
+fn finer(path: &[DVec3], times: usize) -> Vec<DVec3> {
+    let between = |w: &[DVec3]| (0..times).map(|i| w[0] + (w[1] - w[0]) * (i as f64 / times as f64)).collect::<Vec<_>>();
+    path.windows(2).flat_map(between).collect()
+}
+
+/// Steps in which the force may jump or be held: where the contact is held by an edge, ends at a border, starts anew,
+/// or has no stable slip (certificate S fails there: a real pop).
+fn exempt(o: &Output) -> bool {
+    o.flags.blocked || o.flags.capped || o.flags.border || o.flags.reanchored
+}
+
+/// Whether the contact point is about to run away, or nearly: a real pop, in which rounding grows without bound (a
+/// cube with interpolated normals is full of them).
+fn snaps(contact: &Contact, body: &Body, o: &Output) -> bool {
+    o.flags.in_contact && contact.lipschitz_n_per_m(body).is_none_or(|l| l > 8e3)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(40))]
+
+    /// (d) and the ledger: no force without contact, no contact without depth, and energy balances, at any speed.
+    #[test]
+    fn the_ledger_balances(seed in any::<u64>(), kind in 0..KINDS, speed in 0.002f64..2.0) {
+        let mut chance = Chance::new(seed);
+        let friction = chance.range(0.0, 0.6);
+        let body = heterogeneous(&mesh(kind, &mut chance), &mut chance, 0.6, friction);
+        let path = wander(&body, &mut chance, speed, 600);
+        let outputs = rollout(&body, &path);
+        prop_assert!(speed < 0.05 || outputs.iter().any(|o| o.flags.in_contact));
+        for o in &outputs {
+            prop_assert_eq!(o.flags.in_contact, o.contact.is_some());
+            prop_assert_eq!(force(o) != DVec3::ZERO, o.flags.in_contact);
+            if let Some(c) = o.contact {
+                prop_assert!(c.delta_z_m > 0.0);
+                prop_assert!(c.n.iter().all(|&n| (0.0..=1.0).contains(&n)) && (c.n.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+            }
+            prop_assert!(imbalance(o) < 1e-9, "{:?}", o.energy);
+            prop_assert!(o.energy.generated_j >= 0.0 && o.energy.stored_j >= 0.0);
+        }
+    }
+
+    /// (a): from step to step the force changes by no more than the local Lipschitz bound allows.
+    #[test]
+    fn the_force_is_lipschitz(seed in any::<u64>(), kind in 0..KINDS, speed in 0.002f64..0.02) {
+        let mut chance = Chance::new(seed);
+        let friction = chance.range(0.05, 0.5);
+        let body = heterogeneous(&mesh(kind, &mut chance), &mut chance, 0.35, friction);
+        let path = wander(&body, &mut chance, speed, 500);
+        let mut contact = Contact::new(&body);
+        let mut last: Option<(DVec3, Output, f64)> = None;
+        for &x in &path {
+            let o = step(&mut contact, &body, x);
+            let bound = contact.lipschitz_n_per_m(&body);
+            if let (Some((x0, o0, l0)), Some(l)) = (&last, bound)
+                && !exempt(&o) && !exempt(o0)
+            {
+                let change = (force(&o) - force(o0)).length();
+                // The bound is that of the two ends; in between it may be a little larger.
+                let allowed = 1.5 * l.max(*l0) * (x - x0).length() + 1e-6;
+                prop_assert!(change <= allowed, "{change} N in {} m, {l} {l0} N/m", (x - x0).length());
+            }
+            last = bound.map(|l| (x, o, l));
+        }
+    }
+
+    /// (b): the largest force step shrinks in proportion when the path is sampled finer.
+    #[test]
+    fn finer_sampling_shrinks_the_steps(seed in any::<u64>(), kind in 0..KINDS) {
+        let mut chance = Chance::new(seed);
+        let friction = chance.range(0.1, 0.5);
+        let body = heterogeneous(&mesh(kind, &mut chance), &mut chance, 0.35, friction);
+        let path = wander(&body, &mut chance, 0.03, 250);
+        // The largest step, and whether the path met anything that is no smooth contact.
+        let largest = |path: &[DVec3]| {
+            let mut contact = Contact::new(&body);
+            let (mut last, mut largest, mut odd) = (DVec3::ZERO, 0.0f64, false);
+            for &x in path {
+                let o = step(&mut contact, &body, x);
+                largest = largest.max((force(&o) - last).length());
+                last = force(&o);
+                odd |= exempt(&o) || snaps(&contact, &body, &o);
+            }
+            (largest, odd)
+        };
+        let ((fine, odd), (finest, odder)) = (largest(&finer(&path, 10)), largest(&finer(&path, 100)));
+        prop_assume!(!odd && !odder && fine > 1e-3);
+        prop_assert!(finest <= 0.15 * fine, "{fine} {finest}");
+    }
+
+    /// (e): rigid motions, and renumbering of nodes and triangles, change nothing.
+    #[test]
+    fn only_the_shape_counts(seed in any::<u64>(), kind in 0..KINDS) {
+        let mut chance = Chance::new(seed);
+        let original = mesh(kind, &mut chance);
+        let stiffness: Vec<f64> = original.positions.iter().map(|_| chance.range(400.0, 800.0)).collect();
+        let build = |mesh: &TriangleMesh, k: &[f64]| {
+            let surface = Surface::build(mesh, f64::INFINITY).unwrap();
+            let at = |p: DVec3| k[mesh.positions.iter().position(|&q| q == p).unwrap()];
+            body_of(surface, Feel { kz: &at, kr: &at, friction: &|_| 0.3, radius_m: 0.0 })
+        };
+        let body = build(&original, &stiffness);
+        let path = wander(&body, &mut chance, 0.05, 200);
+
+        let axis = chance.direction();
+        let turn = DMat3::from_quat(DQuat::from_axis_angle(axis, chance.range(0.0, 3.0)));
+        let shift = chance.direction() * 0.1;
+        let moved = |p: DVec3| turn * p + shift;
+        let mut order: Vec<usize> = (0..original.positions.len()).collect();
+        for i in (1..order.len()).rev() {
+            order.swap(i, chance.below(i + 1));
+        }
+        let mut renumbered = TriangleMesh::default();
+        let mut new_of = vec![0u32; order.len()];
+        let mut k = Vec::new();
+        for (new, &old) in order.iter().enumerate() {
+            new_of[old] = new as u32;
+            renumbered.positions.push(moved(original.positions[old]));
+            k.push(stiffness[old]);
+        }
+        for t in &original.triangles {
+            let turn = chance.below(3);
+            renumbered.triangles.push([0, 1, 2].map(|i| new_of[t[(i + turn) % 3] as usize]));
+        }
+        let triangles = renumbered.triangles.len();
+        renumbered.triangles.rotate_left(triangles / 3);
+        let other = build(&renumbered, &k);
+        let path_there: Vec<DVec3> = path.iter().map(|&p| moved(p)).collect();
+        let mut largest = 0.0f64;
+        let (mut here, mut there) = (Contact::new(&body), Contact::new(&other));
+        for (&x, &y) in path.iter().zip(&path_there) {
+            let (a, b) = (step(&mut here, &body, x), step(&mut there, &other, y));
+            if exempt(&a) || exempt(&b) || snaps(&here, &body, &a) {
+                break;
+            }
+            largest = largest.max(force(&a).length());
+            let error = (turn * force(&a) - force(&b)).length();
+            prop_assert!(error <= 1e-5 * (largest + 0.1), "{error}");
+            prop_assert!((a.energy.work_j - b.energy.work_j).abs() < 1e-6 * (1e-3 + a.energy.work_j.abs()));
+        }
+    }
+
+    /// (f): a closed loop in stick does no work.
+    #[test]
+    fn a_loop_in_stick_does_no_work(seed in any::<u64>(), kind in 0..KINDS) {
+        let mut chance = Chance::new(seed);
+        let body = heterogeneous(&mesh(kind, &mut chance), &mut chance, 0.6, 1e4);
+        let nodes = body.element_nodes(chance.below(body.elements().len()) as u32);
+        let inward = (nodes[0].inward + nodes[1].inward + nodes[2].inward).normalize();
+        let p = (nodes[0].position + nodes[1].position + nodes[2].position) / 3.0;
+        let mut contact = Contact::new(&body);
+        let start = p + inward * 3e-3;
+        step(&mut contact, &body, p - inward * 1e-3);
+        let begin = step(&mut contact, &body, start);
+        prop_assume!(begin.flags.in_contact);
+        let (a, b) = (chance.direction() * 2e-3, chance.direction() * 2e-3);
+        let mut moved = 0.0;
+        let mut before = begin.energy.work_j;
+        for i in 1..=2000 {
+            let t = f64::from(i) * std::f64::consts::TAU / 2000.0;
+            let o = step(&mut contact, &body, start + a * libm::sin(t) + b * libm::sin(2.0 * t) * libm::sin(t));
+            prop_assume!(!o.flags.slipping && o.flags.in_contact);
+            moved += (o.energy.work_j - before).abs();
+            before = o.energy.work_j;
+        }
+        let end = step(&mut contact, &body, start);
+        let work = end.energy.work_j - begin.energy.work_j;
+        prop_assert!(work.abs() <= 1e-10 * moved, "{work} of {moved}");
+    }
+
+    /// (h): on a uniform plane a tip drags an elastic–Coulomb element: c = x − min(δr, L/k_r) u_r.
+    #[test]
+    fn on_a_plane_the_stop_is_exact(seed in any::<u64>(), cells in 1usize..9) {
+        let mut chance = Chance::new(seed);
+        let (kz, kr, mu) = (chance.range(200.0, 900.0), chance.range(200.0, 900.0), chance.range(0.0, 0.6));
+        let body = uniform(&patch(0.2, cells), kz, kr, mu);
+        let mut contact = Contact::new(&body);
+        let mut x = DVec3::new(chance.range(-0.01, 0.01), chance.range(-0.01, 0.01), 1e-4);
+        let mut c: Option<DVec3> = None;
+        step(&mut contact, &body, x);
+        for i in 0..400 {
+            let from = x;
+            x += chance.direction() * chance.range(1e-6, 1e-3);
+            x.z = if i < 3 { -1e-4 * f64::from(i + 1) } else { x.z.clamp(-6e-3, -1e-4) };
+            let depth = -x.z;
+            let start = c.unwrap_or(from + (x - from) * (from.z / (from.z - x.z)));
+            let lateral = (x - start).with_z(0.0);
+            let stop = mu * 100.0 * kz * depth * depth / kr;
+            let end = x.with_z(0.0) - lateral.clamp_length_max(stop);
+            let o = step(&mut contact, &body, x);
+            let expected = DVec3::Z * (100.0 * kz * depth * depth) - (x.with_z(0.0) - end) * kr;
+            prop_assert!((force(&o) - expected).length() < 1e-8 * (1.0 + expected.length()), "{:?} {expected}", force(&o));
+            c = Some(end);
+        }
+    }
+
+    /// (i): subdividing without changing the field changes nothing on a plane.
+    #[test]
+    fn a_finer_plane_is_the_same_plane(seed in any::<u64>(), times in 2usize..6) {
+        let mut chance = Chance::new(seed);
+        let slope = DVec3::new(chance.range(-4.0, 4.0), chance.range(-4.0, 4.0), 0.0);
+        let k = move |p: DVec3| 500.0 * (1.0 + slope.dot(p));
+        let build = |cells| {
+            let surface = Surface::build(&patch(0.08, cells), f64::INFINITY).unwrap();
+            body_of(surface, Feel { kz: &k, kr: &k, friction: &|_| 0.3, radius_m: 0.0 })
+        };
+        let (coarse, fine) = (build(3), build(3 * times));
+        let mut path = vec![DVec3::new(0.001, 0.002, 5e-4)];
+        for i in 0..300 {
+            let mut x = path[i] + chance.direction() * 2e-4;
+            x.z = if i < 10 { x.z.min(4e-4 - 2e-4 * i as f64) } else { x.z.clamp(-4e-3, -2e-4) };
+            path.push(x);
+        }
+        for (a, b) in rollout(&coarse, &path).iter().zip(rollout(&fine, &path)) {
+            prop_assert!((force(a) - force(&b)).length() < 1e-7 * (0.1 + force(a).length()));
+        }
+    }
+}
+
+#[test]
+fn the_livers_contacts_keep_the_ledger() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/sofa/liver-smooth.obj");
+    let path = std::path::Path::new(path);
+    if !path.exists() {
+        eprintln!("skipped: the liver mesh is not here");
+        return;
+    }
+    let mesh = palpate_body::import::read(path, Some(palpate_body::import::LengthUnit::Centimetre)).unwrap();
+    let (mesh, _) = palpate_body::repair::repair(mesh, Default::default()).unwrap();
+    let mut chance = Chance::new(11);
+    let body = heterogeneous(&mesh, &mut chance, 0.35, 0.3);
+    let mut touched = 0;
+    for i in 0..40 {
+        let path = wander(&body, &mut chance, 0.01 * 1.15f64.powi(i), 400);
+        for o in rollout(&body, &path) {
+            assert!(imbalance(&o) < 1e-9, "{:?}", o.energy);
+            assert!(!o.flags.contained && (force(&o) == DVec3::ZERO) != o.flags.in_contact);
+            touched += usize::from(o.flags.in_contact);
+        }
+    }
+    assert!(touched > 4000, "{touched}");
+}
