@@ -133,24 +133,46 @@ impl Body {
         check_surface(&surface)?;
         let bad = |place: String, problem: String, mend: &str| Err(BodyError::invalid(place, problem, mend));
         if mixes.len() != surface.positions.len() {
-            return bad("nodes".into(), format!("{} mixes for {} nodes", mixes.len(), surface.positions.len()), "give one for each");
+            return bad(
+                "nodes".into(),
+                format!("{} mixes for {} nodes", mixes.len(), surface.positions.len()),
+                "give one for each",
+            );
         }
         let fades = border_nodes(&surface);
         for (n, mix) in mixes.iter().enumerate() {
             if mix.test_points.iter().any(|&t| t as usize >= responses.len()) {
-                return bad(format!("node {n}"), "it names a test point that does not exist".into(), "make the body again");
+                return bad(
+                    format!("node {n}"),
+                    "it names a test point that does not exist".into(),
+                    "make the body again",
+                );
             }
             let sum: f64 = mix.weights.iter().sum();
             let least = if fades[n] { 0.0 } else { 1.0 - 1e-9 };
             if !(mix.weights.iter().all(|&w| w >= 0.0) && sum >= least && sum <= 1.0 + 1e-9) {
-                return bad(format!("node {n}"), format!("its weights {:?} are negative or do not sum to 1", mix.weights), "make the body again");
+                return bad(
+                    format!("node {n}"),
+                    format!("its weights {:?} are negative or do not sum to 1", mix.weights),
+                    "make the body again",
+                );
             }
         }
-        if test_point_nodes.len() != responses.len() || test_point_nodes.iter().any(|&n| n as usize >= mixes.len()) {
-            return bad("test points".into(), "they do not match the responses and nodes".into(), "make the body again");
+        if test_point_nodes.len() != responses.len()
+            || test_point_nodes.iter().any(|&n| n as usize >= mixes.len())
+        {
+            return bad(
+                "test points".into(),
+                "they do not match the responses and nodes".into(),
+                "make the body again",
+            );
         }
         if !(tool.radius_m >= 0.0 && tool.radius_m <= 1.0) {
-            return bad("tool".into(), format!("its radius is {} m", tool.radius_m), "give a radius between 0 and 1 m");
+            return bad(
+                "tool".into(),
+                format!("its radius is {} m", tool.radius_m),
+                "give a radius between 0 and 1 m",
+            );
         }
         let table = Responses::new(&responses)?;
         let nodes = surface.positions.iter().zip(&surface.inward).zip(&mixes);
@@ -236,14 +258,26 @@ impl Body {
     /// No such node.
     pub fn node_response(&self, node: usize) -> Result<Response> {
         let Some(n) = self.nodes.get(node) else {
-            return Err(BodyError::invalid(format!("node {node}"), "there is no such node", "choose one in range"));
+            return Err(BodyError::invalid(
+                format!("node {node}"),
+                "there is no such node",
+                "choose one in range",
+            ));
         };
         let mix = |curve: fn(&Response) -> &Curve| {
-            let terms: Vec<_> =
-                n.weights.iter().zip(n.test_points).map(|(&w, t)| (w, curve(&self.curves[t as usize]))).collect();
+            let terms: Vec<_> = n
+                .weights
+                .iter()
+                .zip(n.test_points)
+                .map(|(&w, t)| (w, curve(&self.curves[t as usize])))
+                .collect();
             Curve::mix(&terms)
         };
-        Ok(Response { normal: mix(|r| &r.normal)?, lateral: mix(|r| &r.lateral)?, friction: mix(|r| &r.friction)? })
+        Ok(Response {
+            normal: mix(|r| &r.normal)?,
+            lateral: mix(|r| &r.lateral)?,
+            friction: mix(|r| &r.friction)?,
+        })
     }
 
     /// The nodes of an element.
@@ -359,7 +393,11 @@ fn check_surface(surface: &Surface) -> Result<()> {
             };
             let here = |k: usize| positions[element.nodes[(i + k) % 3] as usize];
             let there = |k: usize| positions[neighbour.nodes[(j + k) % 3] as usize];
-            if neighbour.twins[j] as usize != 3 * t + i || here(0) != there(1) || here(1) != there(0) || other == t {
+            if neighbour.twins[j] as usize != 3 * t + i
+                || here(0) != there(1)
+                || here(1) != there(0)
+                || other == t
+            {
                 return bad(format!("element {t}"), "it and its neighbour do not agree on their shared edge");
             }
         }

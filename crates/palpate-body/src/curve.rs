@@ -42,7 +42,12 @@ impl Curve {
     ///
     /// # Errors
     /// Fewer than two knots, a first knot other than 0, knots that do not ascend, or a non-finite number.
-    pub fn through(knots: &[f64], values: &[f64], interpolation: Interpolation, extension: Extension) -> Result<Self> {
+    pub fn through(
+        knots: &[f64],
+        values: &[f64],
+        interpolation: Interpolation,
+        extension: Extension,
+    ) -> Result<Self> {
         check_knots(knots)?;
         if values.len() != knots.len() {
             return Err(BodyError::invalid(
@@ -76,7 +81,12 @@ impl Curve {
         let ordinates = (0..knots.len() - 1)
             .map(|i| {
                 let third = (knots[i + 1] - knots[i]) / 3.0;
-                [values[i], values[i] + slopes[i] * third, values[i + 1] - slopes[i + 1] * third, values[i + 1]]
+                [
+                    values[i],
+                    values[i] + slopes[i] * third,
+                    values[i + 1] - slopes[i + 1] * third,
+                    values[i + 1],
+                ]
             })
             .collect();
         Ok(Curve { knots: knots.to_vec(), ordinates, extension })
@@ -90,10 +100,14 @@ impl Curve {
         check_knots(knots)?;
         check_finite(ordinates.as_flattened())?;
         if ordinates.len() + 1 != knots.len() {
-            return Err(BodyError::invalid("curve", "ordinates do not match the knots", "give 4 for each interval"));
+            return Err(BodyError::invalid(
+                "curve",
+                "ordinates do not match the knots",
+                "give 4 for each interval",
+            ));
         }
+        let scale = ordinates.as_flattened().iter().fold(0.0f64, |m, y| m.max(y.abs()));
         for (i, pair) in ordinates.windows(2).enumerate() {
-            let scale = pair[0][3].abs().max(pair[1][3].abs());
             if (pair[0][3] - pair[1][0]).abs() > 1e-9 * scale {
                 return Err(BodyError::invalid(
                     format!("curve, knot {}", i + 1),
@@ -205,16 +219,25 @@ impl Curve {
     pub fn on_knots(&self, knots: &[f64]) -> Result<Self> {
         check_knots(knots)?;
         if let Some(missing) = self.knots.iter().find(|k| !knots.contains(k)) {
-            return Err(BodyError::invalid("curve", format!("knot {missing} m is missing"), "keep every knot"));
+            return Err(BodyError::invalid(
+                "curve",
+                format!("knot {missing} m is missing"),
+                "keep every knot",
+            ));
         }
         let pieces = self.pieces();
-        let ordinates = knots
+        let mut ordinates = knots
             .windows(2)
             .map(|k| {
                 let i = self.knots.iter().rposition(|&own| own <= k[0]).unwrap_or(0);
                 pieces[i].ordinates(k[0] - self.knots[i], k[1] - k[0])
             })
-            .collect();
+            .collect::<Vec<[f64; 4]>>();
+        // Rounding must not make the curve jump, nor friction fall below zero where it was zero.
+        let starts: Vec<f64> = ordinates.iter().skip(1).map(|b| b[0]).collect();
+        for (piece, start) in ordinates.iter_mut().zip(starts) {
+            piece[3] = start;
+        }
         Ok(Curve { knots: knots.to_vec(), ordinates, extension: self.extension })
     }
 
@@ -227,7 +250,11 @@ impl Curve {
             return Err(BodyError::invalid("curve", "no curve to mix", "give at least one"));
         };
         if terms.iter().any(|(_, c)| c.knots != first.knots) {
-            return Err(BodyError::invalid("curve", "curves on different knots", "bring them onto shared knots"));
+            return Err(BodyError::invalid(
+                "curve",
+                "curves on different knots",
+                "bring them onto shared knots",
+            ));
         }
         let ordinates = (0..first.ordinates.len())
             .map(|i| std::array::from_fn(|j| terms.iter().map(|(w, c)| w * c.ordinates[i][j]).sum()))
@@ -265,9 +292,14 @@ impl Piece {
 }
 
 pub(crate) fn check_knots(knots: &[f64]) -> Result<()> {
-    let bad = |place: String, problem: String| Err(BodyError::invalid(place, problem, "give ascending deflections in m that start at 0"));
+    let bad = |place: String, problem: String| {
+        Err(BodyError::invalid(place, problem, "give ascending deflections in m that start at 0"))
+    };
     if knots.len() < 2 || knots.len() > MAX_KNOTS {
-        return bad("deflections".into(), format!("{} knots, where 2 to {MAX_KNOTS} can be used", knots.len()));
+        return bad(
+            "deflections".into(),
+            format!("{} knots, where 2 to {MAX_KNOTS} can be used", knots.len()),
+        );
     }
     if knots[0] != 0.0 {
         return bad("deflection 0".into(), format!("the first is {} m", knots[0]));
@@ -286,7 +318,11 @@ pub const MAX_KNOTS: usize = 512;
 
 fn check_finite(values: &[f64]) -> Result<()> {
     match values.iter().position(|v| !v.is_finite() || v.abs() > 1e12) {
-        Some(i) => Err(BodyError::invalid(format!("value {i}"), format!("{} is no usable number", values[i]), "give finite values in SI units")),
+        Some(i) => Err(BodyError::invalid(
+            format!("value {i}"),
+            format!("{} is no usable number", values[i]),
+            "give finite values in SI units",
+        )),
         None => Ok(()),
     }
 }
@@ -351,7 +387,12 @@ mod tests {
     #[test]
     fn pchip_agrees_with_the_published_routine() {
         // Values of scipy.interpolate.PchipInterpolator([0, 1, 3, 4], [0, 2, 3, 7]) at 0.5, 2 and 3.5.
-        let c = Curve::through(&[0.0, 1.0, 3.0, 4.0], &[0.0, 2.0, 3.0, 7.0], Interpolation::Pchip, Extension::Linear);
+        let c = Curve::through(
+            &[0.0, 1.0, 3.0, 4.0],
+            &[0.0, 2.0, 3.0, 7.0],
+            Interpolation::Pchip,
+            Extension::Linear,
+        );
         let c = c.unwrap();
         for (x, want) in [(0.5, REFERENCE[0]), (2.0, REFERENCE[1]), (3.5, REFERENCE[2])] {
             assert!((c.value(x) - want).abs() < 1e-12, "{x}: {}", c.value(x));

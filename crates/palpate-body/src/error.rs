@@ -18,7 +18,9 @@ pub enum BodyError {
         mend: String,
     },
     /// The operating system refused to read or write.
-    #[error("{file}: {source}; check that the path exists, is readable and writable, and that the disk has room")]
+    #[error(
+        "{file}: {source}; check that the path exists, is readable and writable, and that the disk has room"
+    )]
     Io {
         /// The file.
         file: String,

@@ -4,7 +4,7 @@
 //! contents by [`Curve::from_ordinates`] and [`Body::new`], as for any other body. What a reader of version 1 does
 //! not know it refuses, since a response that is left out would render wrong forces.
 
-use crate::body::{Body, BodyParts, NodeMix, Provenance, SlipRule, Tool};
+use crate::body::{Body, BodyParts, NodeMix, Provenance, SlipRule};
 use crate::curve::{Curve, Extension, check_knots};
 use crate::error::{BodyError, Result};
 use crate::response::Response;
@@ -136,6 +136,7 @@ impl Body {
         let mixes = file.rows("node_test_points").zip(file.rows("node_weights"));
         Body::new(BodyParts {
             surface: Surface {
+                smoothed: 0,
                 positions: pod_collect_to_vec(file.bytes("positions")),
                 inward: pod_collect_to_vec(file.bytes("inward_normals")),
                 elements: elements.map(|(nodes, twins)| Element { nodes, twins }).collect(),
@@ -146,7 +147,7 @@ impl Body {
                 .map(|((normal, lateral), friction)| Response { normal, lateral, friction })
                 .collect(),
             test_point_nodes: pod_collect_to_vec(file.bytes("test_point_nodes")),
-            tool: file.tool()?,
+            tool: file.json("tool", serde_json::from_str)?,
             slip: file.json("slip", |text| serde_json::from_value::<SlipRule>(text.into()))?,
             provenance: file.json("provenance", serde_json::from_str::<Provenance>)?,
         })
@@ -350,16 +351,6 @@ impl<'a> File<'a> {
         read(self.metadata(key)?).map_err(|e| {
             BodyError::invalid(format!("metadata `{key}`"), e.to_string(), "make the body again")
         })
-    }
-
-    fn tool(&self) -> Result<Tool> {
-        let (tool, text) = (self.json("tool", serde_json::from_str::<Tool>)?, self.metadata("tool")?);
-        // A JSON number of 17 digits may be read one unit in the last place off: of the neighbours, the right one is
-        // the one that is written as it was.
-        let near = [tool.radius_m, tool.radius_m.next_down(), tool.radius_m.next_up()];
-        let mut near = near.into_iter().map(|radius_m| Tool { radius_m, ..tool.clone() });
-        let same = near.find(|t| serde_json::to_string(t).is_ok_and(|written| written == text));
-        Ok(same.unwrap_or(tool))
     }
 
     /// The bytes of a tensor of [`layout`], at any alignment.

@@ -7,7 +7,6 @@
 //! and allocates by sizes found in the file. They serve the tests, as independent writers.
 
 mod cursor;
-mod inflate;
 mod obj;
 mod off;
 mod ply;

@@ -37,7 +37,8 @@ impl Knots {
         // small, and then the pass is longer, never wrong.
         let count = (end / narrowest).ceil().clamp(1.0, 4096.0) as usize;
         let interval = |x: f64| knots.iter().skip(1).take_while(|&&k| x >= k).count();
-        let bins = (0..=count).map(|b| interval(end * b as f64 / count as f64 * (1.0 - 1e-12)) as u16).collect();
+        let bins =
+            (0..=count).map(|b| interval(end * b as f64 / count as f64 * (1.0 - 1e-12)) as u16).collect();
         Ok(Knots { knots: knots.to_vec(), bins, bins_per_m: count as f64 / end })
     }
 
@@ -142,9 +143,8 @@ impl Responses {
         let mut depth_rows = Vec::with_capacity(responses.len() * depth.knots.len());
         let mut lateral_rows = Vec::with_capacity(responses.len() * lateral.knots.len());
         for (t, r) in responses.iter().enumerate() {
-            r.check(depth.values(), lateral.values()).map_err(|(problem, mend)| {
-                BodyError::invalid(format!("test point {t}"), problem, mend)
-            })?;
+            r.check(depth.values(), lateral.values())
+                .map_err(|(problem, mend)| BodyError::invalid(format!("test point {t}"), problem, mend))?;
             let friction = r.friction.pieces();
             depth_rows.extend(r.normal.pieces().iter().zip(friction).map(|(n, f)| {
                 let ([a, b, c, d], [e, f, g, h]) = (n.coefficients, f.coefficients);
@@ -272,20 +272,32 @@ impl Response {
             || self.normal.extension() != Extension::Linear
             || self.lateral.extension() != Extension::Linear
         {
-            return fail("its curves go on wrongly past their end".into(), "forces go on linearly, friction stays constant");
+            return fail(
+                "its curves go on wrongly past their end".into(),
+                "forces go on linearly, friction stays constant",
+            );
         }
         for (name, curve, knots) in [("normal", &self.normal, depth), ("lateral", &self.lateral, lateral)] {
             let scale = curve.value(knots[knots.len() - 1]).abs();
             if curve.value(0.0) != 0.0 {
-                return fail(format!("its {name} force at zero deflection is {} N", curve.value(0.0)), "it must be 0");
+                return fail(
+                    format!("its {name} force at zero deflection is {} N", curve.value(0.0)),
+                    "it must be 0",
+                );
             }
             let least = curve.least_slope();
             if least < -1e-9 * scale / knots[knots.len() - 1] {
-                return fail(format!("its {name} force decreases ({least:.3} N/m)"), "forces must not decrease with deflection: smooth the samples");
+                return fail(
+                    format!("its {name} force decreases ({least:.3} N/m)"),
+                    "forces must not decrease with deflection: smooth the samples",
+                );
             }
         }
         if !(self.lateral.ordinates().iter().all(|b| b[3] > b[0])) {
-            return fail("its lateral force does not increase".into(), "the lateral force must grow with deflection");
+            return fail(
+                "its lateral force does not increase".into(),
+                "the lateral force must grow with deflection",
+            );
         }
         let least = self.friction.least_value();
         if least < 0.0 {
@@ -303,9 +315,16 @@ mod tests {
 
     pub(crate) fn response(k: f64, mu: f64) -> Response {
         let knots = [0.0, 1e-3, 2.5e-3, 7e-3];
-        let normal = Curve::through(&knots, &knots.map(|d| 100.0 * k * d * d), Interpolation::Pchip, Extension::Linear);
-        let lateral = Curve::through(&[0.0, 5e-3], &[0.0, k * 5e-3], Interpolation::Linear, Extension::Linear);
-        let friction = Curve::through(&knots, &[mu, mu, mu * 1.5, mu], Interpolation::Pchip, Extension::Constant);
+        let normal = Curve::through(
+            &knots,
+            &knots.map(|d| 100.0 * k * d * d),
+            Interpolation::Pchip,
+            Extension::Linear,
+        );
+        let lateral =
+            Curve::through(&[0.0, 5e-3], &[0.0, k * 5e-3], Interpolation::Linear, Extension::Linear);
+        let friction =
+            Curve::through(&knots, &[mu, mu, mu * 1.5, mu], Interpolation::Pchip, Extension::Constant);
         Response { normal: normal.unwrap(), lateral: lateral.unwrap(), friction: friction.unwrap() }
     }
 

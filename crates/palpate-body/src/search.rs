@@ -125,7 +125,8 @@ impl Search {
             let cell = |i: usize| ((centre[i] - low[i]) / size * ((1u64 << 20) - 1) as f64) as u32;
             hilbert([cell(0), cell(1), cell(2)])
         };
-        let mut keyed: Vec<(u64, u32)> = triangles.iter().enumerate().map(|(i, t)| (key(t), i as u32)).collect();
+        let mut keyed: Vec<(u64, u32)> =
+            triangles.iter().enumerate().map(|(i, t)| (key(t), i as u32)).collect();
         keyed.sort_unstable();
         let order: Vec<u32> = keyed.into_iter().map(|(_, t)| t).collect();
 
@@ -184,7 +185,9 @@ impl Search {
                 if k <= bound {
                     // Insertion, the farthest first: the stack then gives the nearest.
                     let mut at = count;
-                    while let Some(&before) = at.checked_sub(1).and_then(|i| children.get(i)).filter(|c| c.0 < k) {
+                    while let Some(&before) =
+                        at.checked_sub(1).and_then(|i| children.get(i)).filter(|c| c.0 < k)
+                    {
                         set(&mut children, at, before);
                         at -= 1;
                     }
@@ -245,7 +248,8 @@ impl Body {
             |b| if b.meets(&segment, reach) { 0.0 } else { f64::INFINITY },
             |element, bound| {
                 let corners = self.corners(element);
-                let hit = if radius > 0.0 { sphere_touch(from, way, radius, corners) } else { ray.touch(corners) };
+                let hit =
+                    if radius > 0.0 { sphere_touch(from, way, radius, corners) } else { ray.touch(corners) };
                 if let Some((fraction, n)) = hit {
                     let earlier = best.is_none_or(|b| {
                         fraction < b.fraction || (fraction == b.fraction && element < b.at.element)
@@ -304,7 +308,7 @@ pub(crate) fn point([a, b, c]: [DVec3; 3], n: [f64; 3]) -> DVec3 {
 }
 
 /// Area coordinates of the point of a triangle nearest to `p` (Ericson 2005, section 5.1.5).
-pub(crate) fn nearest_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> [f64; 3] {
+fn nearest_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> [f64; 3] {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
     if d1 <= 0.0 && d2 <= 0.0 {

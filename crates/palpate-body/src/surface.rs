@@ -187,11 +187,19 @@ pub(crate) fn check_area(t: usize, [a, b, c]: [DVec3; 3]) -> Result<()> {
 
 pub(crate) fn check_normals(inward: &[DVec3], positions: &[DVec3], elements: &[Element]) -> Result<()> {
     if inward.len() != positions.len() {
-        return Err(BodyError::invalid("normals", "their number is not the nodes'", "give one for each node"));
+        return Err(BodyError::invalid(
+            "normals",
+            "their number is not the nodes'",
+            "give one for each node",
+        ));
     }
     for (n, u) in inward.iter().enumerate() {
         if !u.is_normalized() {
-            return Err(BodyError::invalid(format!("normal {n}"), "it is not a unit vector", "normalise it, to 1e-4"));
+            return Err(BodyError::invalid(
+                format!("normal {n}"),
+                "it is not a unit vector",
+                "normalise it, to 1e-4",
+            ));
         }
     }
     if let Some(t) = elements.iter().position(|e| opposes(e, inward)) {
@@ -205,13 +213,12 @@ pub(crate) fn check_normals(inward: &[DVec3], positions: &[DVec3], elements: &[E
     Ok(())
 }
 
-/// Whether the mix of an element's three normals comes near to vanishing somewhere in it.
+/// Whether the mix of an element's three normals may come near to vanishing in it: it does not as long as all three
+/// have a part along their sum.
 fn opposes(element: &Element, inward: &[DVec3]) -> bool {
     let u = element.nodes.map(|n| inward[n as usize]);
-    let n = crate::search::nearest_on_triangle(DVec3::ZERO, u);
-    let shortest = crate::search::point(u, n).length();
-    // Written so that a normal that is not a number counts as opposing.
-    !shortest.ge(&0.1)
+    let sum = (u[0] + u[1] + u[2]).normalize_or_zero();
+    u.iter().any(|u| u.dot(sum).is_nan() || u.dot(sum) < 0.1)
 }
 
 /// Twin half-edges by sorting undirected edges.
@@ -226,7 +233,9 @@ fn twins(triangles: &[[u32; 3]]) -> Result<Vec<[u32; 3]>> {
     edges.sort_unstable();
     let mut twins = vec![[NO_TWIN; 3]; triangles.len()];
     for run in edges.chunk_by(|a, b| a.0 == b.0) {
-        let place = |h: u32| format!("the edge of vertices {} and {} (triangle {})", run[0].0 >> 32, run[0].0 as u32, h / 3);
+        let place = |h: u32| {
+            format!("the edge of vertices {} and {} (triangle {})", run[0].0 >> 32, run[0].0 as u32, h / 3)
+        };
         let start = |h: u32| triangles[h as usize / 3][h as usize % 3];
         match *run {
             [_] => {}
@@ -235,7 +244,11 @@ fn twins(triangles: &[[u32; 3]]) -> Result<Vec<[u32; 3]>> {
                 twins[h as usize / 3][h as usize % 3] = g;
             }
             [_, (_, h)] => {
-                return Err(BodyError::invalid(place(h), "its two triangles face opposite ways", "orient the triangles alike"));
+                return Err(BodyError::invalid(
+                    place(h),
+                    "its two triangles face opposite ways",
+                    "orient the triangles alike",
+                ));
             }
             _ => {
                 return Err(BodyError::invalid(
@@ -274,7 +287,8 @@ fn smooth_corners(mesh: &TriangleMesh, twins: &[[u32; 3]], crease_angle: f64) ->
                 continue;
             }
             for (mine, other) in [(i, (j + 1) % 3), ((i + 1) % 3, j)] {
-                let (x, y) = (root(&mut parent, (3 * t + mine) as u32), root(&mut parent, (3 * t2 + other) as u32));
+                let (x, y) =
+                    (root(&mut parent, (3 * t + mine) as u32), root(&mut parent, (3 * t2 + other) as u32));
                 parent[x.max(y) as usize] = x.min(y);
             }
         }
@@ -310,7 +324,8 @@ fn smooth_folds(inward: &mut [DVec3], elements: &[Element]) -> usize {
         if folded.is_empty() || (folded.len() == before && !elements.iter().any(|e| opposes(e, inward))) {
             break;
         }
-        let mut sums: std::collections::BTreeMap<u32, DVec3> = folded.iter().map(|&n| (n, DVec3::ZERO)).collect();
+        let mut sums: std::collections::BTreeMap<u32, DVec3> =
+            folded.iter().map(|&n| (n, DVec3::ZERO)).collect();
         for element in elements {
             let sum: DVec3 = element.nodes.iter().map(|&n| inward[n as usize]).sum();
             for n in element.nodes {
@@ -326,10 +341,14 @@ fn smooth_folds(inward: &mut [DVec3], elements: &[Element]) -> usize {
     folded.len()
 }
 
-/// Angle of corner i, rad.
-pub(crate) fn corner_angle(p: [DVec3; 3], i: usize) -> f64 {
-    let (a, b) = (p[(i + 1) % 3] - p[i], p[(i + 2) % 3] - p[i]);
-    libm::atan2(a.cross(b).length(), a.dot(b))
+/// Angle of corner i (modulo 3), rad.
+pub(crate) fn corner_angle([a, b, c]: [DVec3; 3], i: usize) -> f64 {
+    let (p, q, r) = match i % 3 {
+        0 => (a, b, c),
+        1 => (b, c, a),
+        _ => (c, a, b),
+    };
+    libm::atan2((q - p).cross(r - p).length(), (q - p).dot(r - p))
 }
 
 #[cfg(test)]
@@ -337,7 +356,8 @@ mod tests {
     use super::*;
 
     fn cube() -> TriangleMesh {
-        let positions = (0..8).map(|i| DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2) as f64) * 0.04).collect();
+        let positions =
+            (0..8).map(|i| DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2) as f64) * 0.04).collect();
         let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
         let triangles = quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect();
         TriangleMesh { positions, triangles }

@@ -135,7 +135,8 @@ impl Contact {
     fn look_around(&mut self, body: &Body, tip: DVec3, unsure: bool, flags: &mut Flags) {
         let nearest = body.nearest(tip, f64::INFINITY);
         let (distance, outside) = nearest.map_or((f64::INFINITY, true), |n| (n.distance, n.outside));
-        let touches = distance < self.law.radius_m || (self.law.radius_m == 0.0 && !outside && distance > ON_SURFACE);
+        let touches =
+            distance < self.law.radius_m || (self.law.radius_m == 0.0 && !outside && distance > ON_SURFACE);
         if unsure && (touches || !(outside || distance <= ON_SURFACE)) {
             flags.started_inside = true;
             // Inside stays inside until the tip has been as far as the surface.
@@ -271,7 +272,13 @@ impl Contact {
             delta_z_m: field.depth,
             delta_r_m: field.lateral,
         };
-        Output { force_n: force.to_array(), torque_nm: [0.0; 3], contact: Some(contact), flags, energy: self.energy }
+        Output {
+            force_n: force.to_array(),
+            torque_nm: [0.0; 3],
+            contact: Some(contact),
+            flags,
+            energy: self.energy,
+        }
     }
 
     fn untouched(&self, flags: Flags) -> Output {

@@ -202,7 +202,18 @@ impl<'a> Site<'a> {
         let friction = Sample::at(0.0, [m0, m1, m2, m3], t);
         let (friction, friction_slope) = (friction.value, friction.slope);
         let pull = Sample::at(r_integral, [r0, r1, r2, r3], self.lateral.distance(lateral));
-        Field { u, u_length, depth, lateral, u_r, normal, friction, friction_slope, pull, limit: friction * normal.value }
+        Field {
+            u,
+            u_length,
+            depth,
+            lateral,
+            u_r,
+            normal,
+            friction,
+            friction_slope,
+            pull,
+            limit: friction * normal.value,
+        }
     }
 
     /// How `f`, just evaluated at this site, changes while the area coordinates move at the rates `r`.
@@ -221,7 +232,11 @@ impl<'a> Site<'a> {
         let d_depth = f.lateral * f.u_r.dot(du) - t.dot(f.u);
         let d_tangential = -t - f.u * d_depth - du * (f.depth - self.law.radius_m);
         let d_lateral = f.u_r.dot(d_tangential);
-        let du_r = if f.lateral > 0.0 { (d_tangential - f.u_r * d_lateral) * (1.0 / f.lateral) } else { DVec3::ZERO };
+        let du_r = if f.lateral > 0.0 {
+            (d_tangential - f.u_r * d_lateral) * (1.0 / f.lateral)
+        } else {
+            DVec3::ZERO
+        };
 
         // (5) is linear in the area coordinates: their rates mix the responses' own gradient.
         let r = if self.law.interpolates_responses() { r } else { [0.0; 3] };

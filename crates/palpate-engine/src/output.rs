@@ -22,7 +22,8 @@ impl ToolPose {
 
     /// The position, if every number of the pose can be used: the step's input choke point.
     pub(crate) fn accept(&self) -> Option<DVec3> {
-        let finite = self.position_m.iter().all(|x| x.abs() <= FARTHEST) && self.orientation.iter().all(|q| q.is_finite());
+        let finite = self.position_m.iter().all(|x| x.abs() <= FARTHEST)
+            && self.orientation.iter().all(|q| q.is_finite());
         finite.then_some(DVec3::from_array(self.position_m))
     }
 }

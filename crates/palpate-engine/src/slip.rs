@@ -133,7 +133,8 @@ impl Search<'_, '_> {
         let least = 0.1 * self.field.pull.slope;
         while self.evaluations > 0 && slope > least {
             let way = excess / slope;
-            let (at, _, stop) = walk(self.site.body, self.at, v * way, r.map(|r| r * way), &mut self.crossings);
+            let (at, _, stop) =
+                walk(self.site.body, self.at, v * way, r.map(|r| r * way), &mut self.crossings);
             self.at = at;
             self.evaluate();
             // Seen along the old drive: past the root it has changed sides where L is nearly 0.
@@ -170,7 +171,8 @@ impl Search<'_, '_> {
         let mut low = 0.0;
         let mut high: Option<(f64, SurfacePoint)> = None;
         let eta = self.site.drift(&self.field, rates(self.site.corners(), v)).eta();
-        let mut target = g / if eta > 0.1 * self.field.pull.slope { eta } else { self.field.pull.slope.max(1e-9) };
+        let mut target =
+            g / if eta > 0.1 * self.field.pull.slope { eta } else { self.field.pull.slope.max(1e-9) };
         let mut tries = 0;
         while self.evaluations > 0 {
             let way = target - s;

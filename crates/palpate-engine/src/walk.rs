@@ -107,10 +107,22 @@ pub(crate) fn launch(body: &Body, at: SurfacePoint, drive: impl Fn(SurfacePoint)
         return Launch::Along(at);
     }
     if zeros == 1 {
-        let opposite = if on_edge(0) { 0 } else if on_edge(1) { 1 } else { 2 };
+        let opposite = if on_edge(0) {
+            0
+        } else if on_edge(1) {
+            1
+        } else {
+            2
+        };
         return from_edge(body, at, opposite, drive);
     }
-    let vertex = if !on_edge(0) { 0 } else if !on_edge(1) { 1 } else { 2 };
+    let vertex = if !on_edge(0) {
+        0
+    } else if !on_edge(1) {
+        1
+    } else {
+        2
+    };
     from_vertex(body, at, vertex, drive)
 }
 
@@ -123,7 +135,12 @@ fn pick<T: Copy>(of: [T; 3], i: usize) -> T {
     }
 }
 
-fn from_edge(body: &Body, at: SurfacePoint, opposite: usize, drive: impl Fn(SurfacePoint) -> DVec3) -> Launch {
+fn from_edge(
+    body: &Body,
+    at: SurfacePoint,
+    opposite: usize,
+    drive: impl Fn(SurfacePoint) -> DVec3,
+) -> Launch {
     let corners = body.corners(at.element);
     let v = drive(at);
     if pick(rates(corners, v), opposite) >= 0.0 {
@@ -139,7 +156,12 @@ fn from_edge(body: &Body, at: SurfacePoint, opposite: usize, drive: impl Fn(Surf
     if along == 0.0 { Launch::Held } else { Launch::Edge(at, edge * along.signum()) }
 }
 
-fn from_vertex(body: &Body, at: SurfacePoint, vertex: usize, drive: impl Fn(SurfacePoint) -> DVec3) -> Launch {
+fn from_vertex(
+    body: &Body,
+    at: SurfacePoint,
+    vertex: usize,
+    drive: impl Fn(SurfacePoint) -> DVec3,
+) -> Launch {
     // The steepest way up: a sector that holds the projected drive, else an edge.
     let mut best = (0.0, Launch::Held);
     let closed = body.around(at.element, vertex, |element, corner| {

@@ -49,7 +49,10 @@ fn digest(outputs: &[Output]) -> u64 {
     for o in outputs {
         o.force_n.into_iter().for_each(&mut eat);
         if let Some(c) = o.contact {
-            c.position_m.into_iter().chain([c.delta_z_m, c.delta_r_m, f64::from(c.element)]).for_each(&mut eat);
+            c.position_m
+                .into_iter()
+                .chain([c.delta_z_m, c.delta_r_m, f64::from(c.element)])
+                .for_each(&mut eat);
         }
         let e = o.energy;
         [e.work_j, e.stored_j, e.dissipated_j, e.generated_j].into_iter().for_each(&mut eat);
@@ -66,7 +69,9 @@ fn the_golden_trace_is_the_same_to_the_bit() {
         ("coordinates-off", Ablation::Coordinates, 0.0, 0.3),
         ("responses-off", Ablation::Responses, 0.0, 0.3),
     ];
-    let mut text = String::from("# case,step,force bits (x, y, z), contact point bits (x, y, z); `all` is a digest of every output\n");
+    let mut text = String::from(
+        "# case,step,force bits (x, y, z), contact point bits (x, y, z); `all` is a digest of every output\n",
+    );
     for (name, ablation, radius, friction) in cases {
         let outputs = trace(ablation, radius, friction);
         assert!(outputs.iter().filter(|o| o.flags.in_contact).count() > 3000, "{name}");

@@ -72,7 +72,9 @@ fn rollout(body: &Body, path: &[DVec3]) -> Vec<Output> {
 }
 
 fn finer(path: &[DVec3], times: usize) -> Vec<DVec3> {
-    let between = |w: &[DVec3]| (0..times).map(|i| w[0] + (w[1] - w[0]) * (i as f64 / times as f64)).collect::<Vec<_>>();
+    let between = |w: &[DVec3]| {
+        (0..times).map(|i| w[0] + (w[1] - w[0]) * (i as f64 / times as f64)).collect::<Vec<_>>()
+    };
     path.windows(2).flat_map(between).collect()
 }
 

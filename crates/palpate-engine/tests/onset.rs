@@ -130,7 +130,11 @@ fn a_sphere_passing_fast_is_not_missed() {
         let mut contact = Contact::new(&body);
         let above = rng.range(2.1e-3, 9e-3);
         step(&mut contact, &body, DVec3::new(x, y, above));
-        let to = DVec3::new(x + rng.range(-2e-3, 2e-3), y + rng.range(-2e-3, 2e-3), above - rng.range(0.009, 0.02));
+        let to = DVec3::new(
+            x + rng.range(-2e-3, 2e-3),
+            y + rng.range(-2e-3, 2e-3),
+            above - rng.range(0.009, 0.02),
+        );
         let output = step(&mut contact, &body, to);
         assert!(output.flags.onset && output.flags.in_contact, "{x} {y} {above} {to}");
     }

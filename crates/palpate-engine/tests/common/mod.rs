@@ -52,7 +52,8 @@ pub fn cylinder(radius: f64, length: f64, around: usize, along: usize) -> Triang
     for row in 0..along {
         for column in 0..around {
             let at = |r: usize, c: usize| (r * around + c % around) as u32;
-            let [a, b, c, d] = [at(row, column), at(row, column + 1), at(row + 1, column + 1), at(row + 1, column)];
+            let [a, b, c, d] =
+                [at(row, column), at(row, column + 1), at(row + 1, column + 1), at(row + 1, column)];
             mesh.triangles.extend([[a, b, c], [a, c, d]]);
         }
     }
@@ -82,14 +83,42 @@ pub fn patch(size: f64, cells: usize) -> TriangleMesh {
 pub fn ellipsoid(radii: DVec3, levels: usize) -> TriangleMesh {
     let g = (1.0 + 5f64.sqrt()) / 2.0;
     let corners = [
-        (-1.0, g, 0.0), (1.0, g, 0.0), (-1.0, -g, 0.0), (1.0, -g, 0.0), (0.0, -1.0, g), (0.0, 1.0, g),
-        (0.0, -1.0, -g), (0.0, 1.0, -g), (g, 0.0, -1.0), (g, 0.0, 1.0), (-g, 0.0, -1.0), (-g, 0.0, 1.0),
+        (-1.0, g, 0.0),
+        (1.0, g, 0.0),
+        (-1.0, -g, 0.0),
+        (1.0, -g, 0.0),
+        (0.0, -1.0, g),
+        (0.0, 1.0, g),
+        (0.0, -1.0, -g),
+        (0.0, 1.0, -g),
+        (g, 0.0, -1.0),
+        (g, 0.0, 1.0),
+        (-g, 0.0, -1.0),
+        (-g, 0.0, 1.0),
     ];
-    let mut positions: Vec<DVec3> = corners.iter().map(|&(x, y, z)| DVec3::new(x, y, z).normalize()).collect();
+    let mut positions: Vec<DVec3> =
+        corners.iter().map(|&(x, y, z)| DVec3::new(x, y, z).normalize()).collect();
     let mut triangles: Vec<[u32; 3]> = vec![
-        [0, 11, 5], [0, 5, 1], [0, 1, 7], [0, 7, 10], [0, 10, 11], [1, 5, 9], [5, 11, 4], [11, 10, 2], [10, 7, 6],
-        [7, 1, 8], [3, 9, 4], [3, 4, 2], [3, 2, 6], [3, 6, 8], [3, 8, 9], [4, 9, 5], [2, 4, 11], [6, 2, 10],
-        [8, 6, 7], [9, 8, 1],
+        [0, 11, 5],
+        [0, 5, 1],
+        [0, 1, 7],
+        [0, 7, 10],
+        [0, 10, 11],
+        [1, 5, 9],
+        [5, 11, 4],
+        [11, 10, 2],
+        [10, 7, 6],
+        [7, 1, 8],
+        [3, 9, 4],
+        [3, 4, 2],
+        [3, 2, 6],
+        [3, 6, 8],
+        [3, 8, 9],
+        [4, 9, 5],
+        [2, 4, 11],
+        [6, 2, 10],
+        [8, 6, 7],
+        [9, 8, 1],
     ];
     for _ in 0..levels {
         let mut middles = std::collections::HashMap::new();
@@ -115,7 +144,10 @@ pub fn torus(ring: f64, tube: f64, around: usize, along: usize) -> TriangleMesh 
     let mut mesh = TriangleMesh::default();
     for i in 0..around {
         for j in 0..along {
-            let (a, b) = (i as f64 * std::f64::consts::TAU / around as f64, j as f64 * std::f64::consts::TAU / along as f64);
+            let (a, b) = (
+                i as f64 * std::f64::consts::TAU / around as f64,
+                j as f64 * std::f64::consts::TAU / along as f64,
+            );
             let r = ring + tube * libm::cos(b);
             mesh.positions.push(DVec3::new(r * libm::cos(a), r * libm::sin(a), tube * libm::sin(b)));
         }

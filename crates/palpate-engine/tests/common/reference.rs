@@ -59,7 +59,9 @@ impl<'a> Reference<'a> {
         let n = self.area_coordinates(element, c);
         let nodes = self.body.elements()[element].nodes.map(|n| n as usize);
         let u = (0..3).map(|l| self.body.nodes()[nodes[l]].inward * n[l]).sum::<DVec3>().normalize();
-        let mix = |f: &dyn Fn(&Response) -> f64| -> f64 { (0..3).map(|l| n[l] * f(&self.responses[nodes[l]])).sum() };
+        let mix = |f: &dyn Fn(&Response) -> f64| -> f64 {
+            (0..3).map(|l| n[l] * f(&self.responses[nodes[l]])).sum()
+        };
         let delta = tip - c;
         let depth = delta.dot(u) + self.body.tool().radius_m;
         let tangential = delta - u * delta.dot(u);
@@ -110,7 +112,8 @@ impl<'a> Reference<'a> {
             let (height, speed) = ((from - a).dot(normal), (to - from).dot(normal));
             if speed < 0.0 && height >= 0.0 && height <= -speed {
                 let t = -height / speed;
-                let inside = self.area_coordinates(element, from + (to - from) * t).iter().all(|&n| n >= -1e-12);
+                let inside =
+                    self.area_coordinates(element, from + (to - from) * t).iter().all(|&n| n >= -1e-12);
                 if inside && first.is_none_or(|f| t < f.0) {
                     first = Some((t, element));
                 }
