@@ -11,7 +11,8 @@ use palpate_body::{Body, SurfacePoint};
 pub(crate) fn lipschitz(body: &Body, law: Law, at: SurfacePoint, tip: DVec3) -> Option<f64> {
     let mut site = Site::new(body, law, at.element);
     let f = site.evaluate(at.n, tip);
-    if f.lateral == 0.0 {
+    // Below a picometre the lateral deflection is rounding, and its direction noise.
+    if f.lateral < 1e-12 {
         return Some(f.normal.slope.max(f.pull.slope));
     }
     let stick = f.normal.slope.max(f.pull.slope).max(f.pull.value / f.lateral);

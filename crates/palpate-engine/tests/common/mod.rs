@@ -5,6 +5,18 @@ use glam::DVec3;
 use palpate_body::{Body, BodyParts, NodeMix, Provenance, Response, SlipRule, Surface, Tool, TriangleMesh};
 use palpate_engine::{Contact, Output, ToolPose};
 
+/// `count` cases, the same ones in every run; `PROPTEST_CASES` asks for more.
+pub fn cases(count: u32) -> proptest::test_runner::Config {
+    let more = std::env::var("PROPTEST_CASES").ok().and_then(|n| n.parse().ok());
+    proptest::test_runner::Config {
+        cases: more.unwrap_or(count),
+        rng_seed: proptest::test_runner::RngSeed::Fixed(2003),
+        failure_persistence: None,
+        max_global_rejects: 100_000,
+        ..Default::default()
+    }
+}
+
 /// xorshift64*: the same numbers everywhere.
 #[derive(Clone)]
 pub struct Chance(pub u64);
