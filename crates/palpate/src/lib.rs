@@ -14,6 +14,7 @@
 
 pub mod commands;
 pub mod demo;
+pub mod plot;
 
 pub use palpate_body::{Body, BodyError};
 pub use palpate_engine::{Ablation, Contact, Output, ToolPose};
