@@ -25,6 +25,8 @@ pub struct Rollout {
     pub largest: f64,
     /// Largest excess max(0, |ΔF| − L|Δx|) of a step, N.
     pub excess: f64,
+    /// Largest |ΔF| / (L|Δx|) of a step: 1 where the bound is reached.
+    pub share: f64,
     /// Steps whose excess is above [`CLICK`]: the number of the sample after it, and the excess, N.
     pub clicks: Vec<(usize, f64)>,
     /// Largest force, N.
@@ -50,6 +52,11 @@ pub struct Rate {
     pub fastest: f64,
 }
 
+/// The number of the path's last sample, counted from 0.
+pub fn last_sample(hz: f64) -> usize {
+    (path::DURATION * hz).round() as usize
+}
+
 /// Rolls the path out at `hz` in all settings, in step.
 ///
 /// The bound L of a step is the smooth setting's: the larger of those at its two ends. It serves all settings, so
@@ -61,7 +68,7 @@ pub fn roll_out(body: &Body, hz: f64, keep: bool) -> Rate {
     let mut rate =
         Rate { hz, settings: Default::default(), bounds: (f64::INFINITY, 0.0), unbounded: 0, fastest: 0.0 };
     let mut before: Option<(DVec3, [DVec3; 4], f64)> = None;
-    for sample in 0..=(path::DURATION * hz) as usize {
+    for sample in 0..=last_sample(hz) {
         let tip = path::tip(sample as f64 / hz);
         let pose = ToolPose::at(tip.to_array());
         let mut forces = [DVec3::ZERO; 4];
@@ -102,6 +109,10 @@ impl Rollout {
         let excess = (step - allowed).max(0.0);
         self.largest = self.largest.max(step);
         self.excess = self.excess.max(excess);
+        // At rest only the slip search's tolerance is left, a nanonewton: no share of anything.
+        if allowed > 1e-6 {
+            self.share = self.share.max(step / allowed);
+        }
         if excess > CLICK {
             self.clicks.push((sample, excess));
         }
