@@ -31,7 +31,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         println!("{}", serde_json::to_string_pretty(&report)?);
     } else {
         println!("{}", words::table(&report));
-        println!("{}: report.md explains it, with pictures and sound ({:.1} s)", args.out.display(), report.seconds);
+        println!(
+            "{}: report.md explains it, with pictures and sound ({:.1} s)",
+            args.out.display(),
+            report.seconds
+        );
     }
     if report.passed { Ok(()) } else { Err(Failure::Check(report.shortfalls.join("; "))) }
 }

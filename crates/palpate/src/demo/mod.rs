@@ -27,15 +27,18 @@ use std::time::Instant;
 /// A folder that can't be written.
 pub fn run(folder: &Path) -> Result<Report> {
     let started = Instant::now();
-    let unwritable = || format!("{}: can't write the results; check that the folder can be written", folder.display());
+    let unwritable =
+        || format!("{}: can't write the results; check that the folder can be written", folder.display());
     std::fs::create_dir_all(folder).with_context(unwritable)?;
     // Inside the folder, so that renaming stays on one disk.
-    let unfinished = tempfile::Builder::new().prefix(".unfinished-").tempdir_in(folder).with_context(unwritable)?;
+    let unfinished =
+        tempfile::Builder::new().prefix(".unfinished-").tempdir_in(folder).with_context(unwritable)?;
 
     let body = cylinder::body()?;
     let rates = [(1e3, true), (1e4, true), (1e5, false)].map(|(hz, keep)| roll_out(&body, hz, keep));
     let mut report = Report::new(&body, &rates);
-    let files = write(unfinished.path(), folder, &body, &rates, &mut report, started).with_context(unwritable)?;
+    let files =
+        write(unfinished.path(), folder, &body, &rates, &mut report, started).with_context(unwritable)?;
     for file in files {
         std::fs::rename(unfinished.path().join(&file), folder.join(&file)).with_context(unwritable)?;
     }

@@ -13,8 +13,7 @@ use std::ops::Range;
 use std::path::Path;
 
 /// Each setting as a person names it, in the order of the results.
-pub const TITLES: [&str; 4] =
-    ["both interpolations", "coordinates off", "responses off", "both off"];
+pub const TITLES: [&str; 4] = ["both interpolations", "coordinates off", "responses off", "both off"];
 
 /// The force's components, seen from the body's axis through the tip.
 const COMPONENTS: [&str; 3] = ["outward", "around", "along"];
@@ -33,13 +32,21 @@ pub fn frame(tip: DVec3) -> [DVec3; 3] {
 /// # Errors
 /// A file that can't be written.
 pub fn force(path: &Path, rate: &Rate) -> Result<()> {
-    let range = rate.settings.iter().flat_map(|r| components(r, rate.hz)).fold(0.0..0.0, |range: Range<f64>, (_, f)| {
-        f.iter().fold(range, |r, &f| r.start.min(f)..r.end.max(f))
-    });
+    let range = rate
+        .settings
+        .iter()
+        .flat_map(|r| components(r, rate.hz))
+        .fold(0.0..0.0, |range: Range<f64>, (_, f)| {
+            f.iter().fold(range, |r, &f| r.start.min(f)..r.end.max(f))
+        });
     paint(path, (1300, 1560), |area| {
         let (head, rest) = area.split_vertically(150);
         let (rest, foot) = rest.split_vertically(2920);
-        head.draw(&Text::new("Force on the tool while it presses, drags, circles and lets go", (40, 30), font(50)))?;
+        head.draw(&Text::new(
+            "Force on the tool while it presses, drags, circles and lets go",
+            (40, 30),
+            font(50),
+        ))?;
         legend(&head, 40, 100)?;
         let panels = rest.split_evenly((4, 1));
         for ((panel, rollout), title) in panels.iter().zip(&rate.settings).zip(TITLES) {
@@ -58,7 +65,11 @@ fn legend(area: &Area, left: i32, y: i32) -> Result<()> {
         x += 74 + 22 * name.len() as i32 + 50;
     }
     area.draw(&TriangleMarker::new((x + 14, y + 12), 16, RED.filled()))?;
-    area.draw(&Text::new("click: the force jumps by more than smooth contact can explain", (x + 40, y), font(36)))?;
+    area.draw(&Text::new(
+        "click: the force jumps by more than smooth contact can explain",
+        (x + 40, y),
+        font(36),
+    ))?;
     Ok(())
 }
 
@@ -98,7 +109,7 @@ fn force_panel(area: &Area, rollout: &Rollout, hz: f64, range: Range<f64>, title
     let count = rollout.clicks.len();
     let text = match count {
         0 => format!("{title}: no click"),
-        _ => format!("{title}: {count} clicks, the largest {:.0} mN too much", rollout.excess * 1e3),
+        _ => format!("{title}: {count} clicks, excess up to {:.0} mN", rollout.excess * 1e3),
     };
     chart.draw_series([Text::new(text, (0.03, range.end + 0.26 * room), font(42))])?;
     Ok(())
@@ -140,7 +151,9 @@ fn click_panel(area: &Area, rate: &Rate, component: usize) -> Result<()> {
         let all = components(&rate.settings[setting], rate.hz).map(move |(t, f)| (t, f[component]));
         all.filter(|(t, _)| CLOSE_UP.contains(t))
     };
-    let range = (0..3).flat_map(samples).fold(f64::INFINITY..f64::NEG_INFINITY, |r, (_, f)| r.start.min(f)..r.end.max(f));
+    let range = (0..3)
+        .flat_map(samples)
+        .fold(f64::INFINITY..f64::NEG_INFINITY, |r, (_, f)| r.start.min(f)..r.end.max(f));
     let air = 0.06 * (range.end - range.start);
     let mut chart = ChartBuilder::on(area)
         .margin_right(50)
@@ -179,7 +192,8 @@ fn click_panel(area: &Area, rate: &Rate, component: usize) -> Result<()> {
 /// A file that can't be written.
 pub fn curves(path: &Path, body: &Body) -> Result<()> {
     let by_stiffness = |a: &&Response, b: &&Response| a.lateral.value(1e-3).total_cmp(&b.lateral.value(1e-3));
-    let (soft, stiff) = (body.curves().iter().min_by(by_stiffness), body.curves().iter().max_by(by_stiffness));
+    let (soft, stiff) =
+        (body.curves().iter().min_by(by_stiffness), body.curves().iter().max_by(by_stiffness));
     type Law = fn(&Response, f64) -> f64;
     let panels: [(&str, &str, Law); 3] = [
         ("Normal force", "pressed in by δz (mm)", |r, d| r.normal.value(d)),

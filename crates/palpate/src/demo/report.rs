@@ -169,7 +169,9 @@ impl Report {
                         short.push(format!("{name}: a step exceeds the bound by {:.1} mN", most * 1e3));
                     }
                     let [_, finer @ ..] = setting.refinement;
-                    for (factor, (r, most)) in [10, 100].into_iter().zip(finer.into_iter().zip(REFINEMENT_MAX)) {
+                    for (factor, (r, most)) in
+                        [10, 100].into_iter().zip(finer.into_iter().zip(REFINEMENT_MAX))
+                    {
                         if !(r <= most) {
                             short.push(format!(
                                 "{name}: sampled {factor} times finer the largest step shrinks to {r:.4}, not {most}"

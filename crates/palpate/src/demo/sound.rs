@@ -31,17 +31,27 @@ pub struct Loudness {
 /// # Errors
 /// A file that can't be written.
 pub fn save(path: &Path, rate: &Rate, rollout: &Rollout) -> Result<Loudness> {
-    let heard: Vec<f64> = rollout.samples.iter().enumerate().map(|(i, o)| {
-        let [out, around, _] = frame(tip(i as f64 / rate.hz));
-        DVec3::from_array(o.force_n).dot(out + around) * std::f64::consts::FRAC_1_SQRT_2
-    }).collect();
+    let heard: Vec<f64> = rollout
+        .samples
+        .iter()
+        .enumerate()
+        .map(|(i, o)| {
+            let [out, around, _] = frame(tip(i as f64 / rate.hz));
+            DVec3::from_array(o.force_n).dot(out + around) * std::f64::consts::FRAC_1_SQRT_2
+        })
+        .collect();
     let force = |t: f64| {
         let x = (t * rate.hz).clamp(0.0, (heard.len() - 1) as f64);
         let i = x as usize;
         let next = heard.get(i + 1).unwrap_or(&heard[i]);
         heard[i] + (next - heard[i]) * (x - i as f64)
     };
-    let spec = hound::WavSpec { channels: 1, sample_rate: HZ, bits_per_sample: 16, sample_format: hound::SampleFormat::Int };
+    let spec = hound::WavSpec {
+        channels: 1,
+        sample_rate: HZ,
+        bits_per_sample: 16,
+        sample_format: hound::SampleFormat::Int,
+    };
     let mut wav = hound::WavWriter::create(path, spec)?;
     let mut loudness = Loudness { peak: 0.0, cut: 0 };
     for i in 0..(super::path::DURATION * f64::from(HZ)) as usize {

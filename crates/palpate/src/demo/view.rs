@@ -96,7 +96,9 @@ fn skin(area: &Area, camera: &Camera, body: &Body, range: &Range<f64>) -> Result
 
 /// A triangle cut into equal small ones.
 fn parts([a, b, c]: [DVec3; 3]) -> impl Iterator<Item = [DVec3; 3]> {
-    let at = move |i: usize, j: usize| a + (b - a) * (i as f64 / FINENESS as f64) + (c - a) * (j as f64 / FINENESS as f64);
+    let at = move |i: usize, j: usize| {
+        a + (b - a) * (i as f64 / FINENESS as f64) + (c - a) * (j as f64 / FINENESS as f64)
+    };
     (0..FINENESS).flat_map(move |i| {
         let upright = (0..FINENESS - i).map(move |j| [at(i, j), at(i + 1, j), at(i, j + 1)]);
         let turned = (1..FINENESS - i).map(move |j| [at(i, j), at(i + 1, j), at(i + 1, j - 1)]);
@@ -140,7 +142,8 @@ fn track(area: &Area, camera: &Camera, rate: &Rate) -> Result<()> {
 
 /// (sample, contact point) while touching.
 fn contact_points(rollout: &Rollout) -> impl Iterator<Item = (usize, DVec3)> {
-    let touching = |(i, o): (usize, &palpate_engine::Output)| Some((i, DVec3::from_array(o.contact?.position_m)));
+    let touching =
+        |(i, o): (usize, &palpate_engine::Output)| Some((i, DVec3::from_array(o.contact?.position_m)));
     rollout.samples.iter().enumerate().filter_map(touching)
 }
 
@@ -177,10 +180,16 @@ fn share(g: f64, range: &Range<f64>) -> f64 {
 
 /// Viridis, by its five main colours: told apart by most eyes, and in grey.
 fn colour(share: f64) -> RGBColor {
-    const STOPS: [[f64; 3]; 5] =
-        [[68.0, 1.0, 84.0], [59.0, 82.0, 139.0], [33.0, 145.0, 140.0], [94.0, 201.0, 98.0], [253.0, 231.0, 37.0]];
+    const STOPS: [[f64; 3]; 5] = [
+        [68.0, 1.0, 84.0],
+        [59.0, 82.0, 139.0],
+        [33.0, 145.0, 140.0],
+        [94.0, 201.0, 98.0],
+        [253.0, 231.0, 37.0],
+    ];
     let x = 4.0 * share.clamp(0.0, 1.0);
     let i = (x as usize).min(3);
-    let [r, g, b] = [0, 1, 2].map(|c| (STOPS[i][c] + (STOPS[i + 1][c] - STOPS[i][c]) * (x - i as f64)).round() as u8);
+    let [r, g, b] =
+        [0, 1, 2].map(|c| (STOPS[i][c] + (STOPS[i + 1][c] - STOPS[i][c]) * (x - i as f64)).round() as u8);
     RGBColor(r, g, b)
 }

@@ -28,12 +28,14 @@ pub fn table(report: &Report) -> String {
 /// The report; `folder` is how the user calls the output folder.
 pub fn markdown(report: &Report, folder: &str) -> String {
     let Report { settings, path, body, sound, lipschitz_n_per_m: [_, steepest], .. } = report;
-    let (Some(both), Some(coordinates), Some(responses)) = (settings.first(), settings.get(1), settings.get(2))
+    let (Some(both), Some(coordinates), Some(responses)) =
+        (settings.first(), settings.get(1), settings.get(2))
     else {
         return String::new();
     };
     let verdict = if report.passed {
-        "**Result: passed.** With both interpolations there is no click; without either one there is.".to_owned()
+        "**Result: passed.** With both interpolations there is no click; without either one there is."
+            .to_owned()
     } else {
         format!("**Result: fell short.**\n\n- {}", report.shortfalls.join("\n- "))
     };
@@ -62,16 +64,16 @@ The same path is run in four settings: with both, without one, without the other
 {table}
 - A **step** is how far the force moves from one millisecond to the next. A large one is no fault by itself: pressing
   fast into something stiff is steep. So each is compared with the most that a smooth body could do, its steepest
-  slope (here up to {steepest:.0} N/m) times the way of the tip. What is beyond that is the **excess step**, and a **click**
-  is an excess of more than 1 mN, about what a finger can feel.
+  slope at that place (here up to {steepest:.0} N/m) times the way of the tip. What is beyond that is the **excess step**;
+  an excess of more than 1 mN counts as a **click**.
 - **Steps at 10× and 100×**: the same path computed with 10 and 100 times as many samples. If the force is
   continuous, its largest step shrinks to 0.1 and 0.01. A jump stays: 1.
 - **Energy created**: what sliding gave to the tool out of nothing. A real body never does.
 
-The bars: with both, at most {excess:.0} mN of excess and steps that shrink to {r10} and {r100}; without either one, an excess of
-at least {ablated:.0} mN that stays when sampled finer. In {used:.0} % of what the bound allows, the smooth setting has its steepest
-step. Where it creates no energy, all the work the tool did ({work:.1} mJ) went into friction; work, stored and
-dissipated energy agree to {ledger:.0e} J.
+To pass, the setting with both may have at most {excess:.0} mN of excess, and its steps must shrink to {r10} and {r100} or less;
+each of the next two must show an excess of at least {ablated:.0} mN however fine the sampling. With both, no step uses more
+than {used:.0} % of what the bound allows. All the work that the tool did there ({work:.1} mJ) went into friction: the books of
+energy balance to {ledger:.0e} J in every setting.
 
 ## What the pictures show
 
@@ -80,16 +82,16 @@ dissipated energy agree to {ledger:.0e} J.
   but no jump. Without coordinates the force around is a saw: at each ridge the direction flips by 15°. Without
   responses the outward force is a stair.
 - `clicks.png`: {from:.1} to {to:.1} s of it, sample by sample. The blue dots follow each other closely; the others leap.
-- `body.png`: the body from both sides, coloured by stiffness, with the way of the contact point. Every click lies on
-  an edge of the mesh.
+- `body.png`: the body from both sides, coloured by stiffness, with the way of the contact point. Every click happens
+  where the contact point crosses an edge of the mesh.
 - `curves.png`: what is stored at the softest and the stiffest node.
 
 ## What one hears
 
-`force-rate-both.wav` and its three siblings play how fast the force changes. Smooth touch is slower than anything
-audible: the first file is silence. In the others each click is a tick: {coordinate_clicks} strong ones without coordinates,
-{response_clicks} weaker ones without responses. All four have the same gain: full scale is {scale:.0} N/s, in the direction halfway
-between outward and around, averaged over {window:.1} ms; {cut} samples had to be cut.
+`force-rate-both.wav` and its three siblings play how fast the force changes. Smooth touch changes too slowly to be
+heard: the first file is as good as silent. In the others each click is a tick: {coordinate_clicks} loud ones without
+coordinates, {response_clicks} softer ones without responses. All four have the same gain, so that they can be compared: full scale is
+{scale:.0} N/s in the direction halfway between outward and around, averaged over {window:.1} ms. {cut} samples had to be cut.
 
 ## Going on
 
