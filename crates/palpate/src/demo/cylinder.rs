@@ -1,9 +1,8 @@
 //! The paper's body: a cylinder of 528 triangles whose stiffness varies over the surface.
 
 use glam::DVec3;
-use palpate_body::{
-    Body, BodyParts, NodeMix, Provenance, Response, Result, SlipRule, Surface, Tool, TriangleMesh,
-};
+use palpate_body::shape::{Resolution, Shape};
+use palpate_body::{Body, BodyParts, NodeMix, Provenance, Response, Result, SlipRule, Surface, Tool};
 use std::f64::consts::TAU;
 
 /// Radius, m.
@@ -11,9 +10,9 @@ pub const RADIUS: f64 = 30e-3;
 /// Length along z, m.
 pub const LENGTH: f64 = 100e-3;
 /// Elements around.
-pub const AROUND: usize = 24;
+pub const AROUND: u32 = 24;
 /// Elements along.
-pub const ALONG: usize = 11;
+pub const ALONG: u32 = 11;
 
 /// Mean k^z of the paper's (6), N/m.
 pub const NORMAL_STIFFNESS: f64 = 600.0;
@@ -60,23 +59,11 @@ pub fn stiffness(p: DVec3) -> f64 {
     1.0 + 0.5 * around + 0.15 * libm::sin(TAU * p.z / LENGTH)
 }
 
-/// Vertex `row * AROUND + column`, rows along z.
+/// The tube's mesh; the paper's frames are radial, at the open ends too.
 fn surface() -> Result<Surface> {
-    let rows = ALONG + 1;
-    let mut mesh = TriangleMesh::default();
-    for vertex in 0..rows * AROUND {
-        let (row, column) = (vertex / AROUND, vertex % AROUND);
-        let angle = TAU * column as f64 / AROUND as f64;
-        let z = LENGTH * (row as f64 / ALONG as f64 - 0.5);
-        mesh.positions.push(DVec3::new(RADIUS * libm::cos(angle), RADIUS * libm::sin(angle), z));
-    }
-    for quad in 0..ALONG * AROUND {
-        let (row, column) = (quad / AROUND, quad % AROUND);
-        let next = (column + 1) % AROUND;
-        let [a, b, c, d] = [(row, column), (row, next), (row + 1, next), (row + 1, column)]
-            .map(|(row, column)| (row * AROUND + column) as u32);
-        mesh.triangles.extend([[a, b, c], [a, c, d]]);
-    }
-    let radial = mesh.positions.iter().map(|p| -DVec3::new(p.x, p.y, 0.0) / RADIUS).collect();
-    Surface::build(&mesh, f64::INFINITY)?.with_inward_normals(radial)
+    let shape = Shape::Cylinder { radius_mm: RADIUS * 1e3, length_mm: LENGTH * 1e3, caps: false };
+    let resolution = Resolution { around: Some(AROUND), along: Some(ALONG), ..Default::default() };
+    let surface = shape.surface(resolution)?;
+    let radial = surface.positions().iter().map(|p| -DVec3::new(p.x, p.y, 0.0).normalize()).collect();
+    surface.with_inward_normals(radial)
 }
