@@ -106,7 +106,8 @@ pub fn roll_out(body: &Body, hz: f64, keep: bool) -> Rate {
 
 impl Rollout {
     fn measure(&mut self, sample: usize, step: f64, allowed: f64) {
-        let excess = (step - allowed).max(0.0);
+        // What is no number must not pass for small.
+        let excess = if (step - allowed).is_finite() { (step - allowed).max(0.0) } else { f64::INFINITY };
         self.largest = self.largest.max(step);
         self.excess = self.excess.max(excess);
         // At rest only the slip search's tolerance is left, a nanonewton: no share of anything.

@@ -46,9 +46,10 @@ pub fn tip(t: f64) -> DVec3 {
 /// In a ramp the speed follows the least polynomial that starts and ends without acceleration or jerk,
 /// 10τ³ − 15τ⁴ + 6τ⁵, so that what is travelled is its integral τ⁶ − 3τ⁵ + 2.5τ⁴.
 fn travelled(t: f64, duration: f64) -> f64 {
+    let square = |u: f64| u * u;
     let ramp = |t: f64| {
         let u = t / RAMP;
-        if u >= 1.0 { t - RAMP / 2.0 } else { RAMP * u.max(0.0).powi(4) * (2.5 + u * (u - 3.0)) }
+        if u >= 1.0 { t - RAMP / 2.0 } else { RAMP * square(square(u.max(0.0))) * (2.5 + u * (u - 3.0)) }
     };
     (ramp(t) - ramp(t - (duration - RAMP))).clamp(0.0, duration - RAMP) / (duration - RAMP)
 }

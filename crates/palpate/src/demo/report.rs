@@ -153,46 +153,44 @@ impl Report {
         report
     }
 
+    /// One sentence for each bar that was not reached.
     fn judge(&self) -> Vec<String> {
-        let mut short = Vec::new();
         let unbounded: usize = self.samples_without_bound.iter().sum();
-        if unbounded > 0 {
-            short.push(format!("the smooth model has no force bound at {unbounded} samples: it snaps there"));
-        }
-        for setting in &self.settings {
-            let (name, e) = (setting.name, setting.excess_finer_n);
-            match name {
-                "both" => {
-                    let most = e.into_iter().fold(0.0, f64::max);
-                    // Written so that a number that is none falls short too.
-                    if !(most <= EXCESS_MAX) {
-                        short.push(format!("{name}: a step exceeds the bound by {:.1} mN", most * 1e3));
-                    }
-                    let [_, finer @ ..] = setting.refinement;
-                    for (factor, (r, most)) in
-                        [10, 100].into_iter().zip(finer.into_iter().zip(REFINEMENT_MAX))
-                    {
-                        if !(r <= most) {
-                            short.push(format!(
-                                "{name}: sampled {factor} times finer the largest step shrinks to {r:.4}, not {most}"
-                            ));
-                        }
-                    }
-                }
-                "coordinates-off" | "responses-off" => {
-                    let least = e.into_iter().fold(f64::INFINITY, f64::min);
-                    if !(least >= ABLATED_EXCESS_MIN) {
-                        short.push(format!("{name}: the largest excess is only {:.1} mN", least * 1e3));
-                    }
-                }
-                _ => {}
-            }
-        }
-        short
+        let snaps = (unbounded > 0)
+            .then(|| format!("the smooth model has no force bound at {unbounded} samples: it snaps there"));
+        let settings = self.settings.iter().flat_map(|setting| match setting.name {
+            "both" => setting.judge_smooth(),
+            "coordinates-off" | "responses-off" => setting.judge_ablated(),
+            _ => Vec::new(),
+        });
+        snaps.into_iter().chain(settings).collect()
     }
 }
 
 impl Setting {
+    /// No click at any rate, and steps that shrink as the path is sampled finer.
+    fn judge_smooth(&self) -> Vec<String> {
+        let excess = self.excess_finer_n.into_iter().fold(0.0, f64::max);
+        let clicks = (excess > EXCESS_MAX)
+            .then(|| format!("{}: a step exceeds the bound by {:.1} mN", self.name, excess * 1e3));
+        let finer = [10, 100].into_iter().zip(self.refinement.into_iter().skip(1)).zip(REFINEMENT_MAX);
+        let stays = finer.filter(|((_, r), most)| r > most).map(|((factor, r), most)| {
+            format!(
+                "{}: sampled {factor} times finer the largest step falls to {r:.4} of it, not to {most}",
+                self.name
+            )
+        });
+        clicks.into_iter().chain(stays).collect()
+    }
+
+    /// A click at every rate.
+    fn judge_ablated(&self) -> Vec<String> {
+        let excess = self.excess_finer_n.into_iter().fold(f64::INFINITY, f64::min);
+        let quiet = (excess < ABLATED_EXCESS_MIN)
+            .then(|| format!("{}: the largest excess is only {:.1} mN", self.name, excess * 1e3));
+        quiet.into_iter().collect()
+    }
+
     fn new(setting: usize, rates: &[Rate; 3]) -> Self {
         let each = |of: fn(&Rollout) -> f64| [0, 1, 2].map(|i| of(&rates[i].settings[setting]));
         let (coarse, hz) = (&rates[0].settings[setting], rates[0].hz);
