@@ -101,6 +101,20 @@ fn clicks_happen_at_edges() {
     }
 }
 
+/// A smooth setting whose steps do not shrink, and an ablated one that does not click, are both told.
+#[test]
+fn what_falls_short_is_named() {
+    let body = cylinder::body().unwrap();
+    let mut rate = roll_out(&body, 1e3, false);
+    rate.settings[2] = rate.settings[0].clone();
+    let report = Report::new(&body, &[rate.clone(), rate.clone(), rate]);
+    assert!(!report.passed);
+    let told = report.shortfalls.join("\n");
+    assert!(told.contains("both: sampled 10 times finer") && told.contains("100 times finer"), "{told}");
+    assert!(told.contains("responses-off: the largest excess is only 0.0 mN"), "{told}");
+    assert_eq!(report.shortfalls.len(), 3);
+}
+
 #[test]
 fn a_folder_that_is_a_file_is_refused() {
     let file = tempfile::NamedTempFile::new().unwrap();
