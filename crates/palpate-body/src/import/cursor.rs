@@ -1,0 +1,126 @@
+//! A place in a file: lines, words and bytes from there on, each with its line for messages.
+
+use super::{number, truncated};
+use crate::error::Result;
+
+/// Reads forwards and never beyond the end.
+#[derive(Clone)]
+pub(super) struct Cursor<'a> {
+    bytes: &'a [u8],
+    at: usize,
+    line: usize,
+}
+
+impl<'a> Cursor<'a> {
+    pub fn new(bytes: &'a [u8]) -> Self {
+        Cursor { bytes, at: 0, line: 1 }
+    }
+
+    /// The line that the cursor stands in, from 1.
+    pub fn line(&self) -> usize {
+        self.line
+    }
+
+    pub fn place(&self) -> String {
+        format!("line {}", self.line)
+    }
+
+    pub fn byte_place(&self) -> String {
+        format!("byte {}", self.at)
+    }
+
+    pub fn rest(&self) -> &'a [u8] {
+        &self.bytes[self.at..]
+    }
+
+    /// The line's rest, without its end (LF, CRLF or CR).
+    pub fn next_line(&mut self) -> Option<&'a [u8]> {
+        let rest = self.rest();
+        if rest.is_empty() {
+            return None;
+        }
+        let length = rest.iter().position(|&b| b == b'\n' || b == b'\r').unwrap_or(rest.len());
+        self.at += length
+            + if rest[length..].starts_with(b"\r\n") { 2 } else { rest.len().min(length + 1) - length };
+        self.line += 1;
+        Some(&rest[..length])
+    }
+
+    /// The next line, if it is wanted.
+    pub fn next_line_if(&mut self, wanted: bool) -> Option<&'a [u8]> {
+        if wanted { self.next_line() } else { None }
+    }
+
+    /// The next word, over any white space and line ends.
+    pub fn word(&mut self) -> Option<&'a [u8]> {
+        while let Some(b) = self.rest().first().filter(|b| b.is_ascii_whitespace()) {
+            let ends = *b == b'\n' || *b == b'\r' && self.bytes.get(self.at + 1) != Some(&b'\n');
+            self.line += usize::from(ends);
+            self.at += 1;
+        }
+        let rest = self.rest();
+        let length = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
+        self.at += length;
+        (length > 0).then_some(&rest[..length])
+    }
+
+    /// The next word as a number.
+    pub fn number(&mut self, what: &str) -> Result<f64> {
+        let word = self.word().ok_or_else(|| truncated(self.place(), what))?;
+        number(word, || self.place())
+    }
+
+    /// The next bytes.
+    pub fn take(&mut self, count: usize, what: &str) -> Result<&'a [u8]> {
+        let bytes = self.rest().get(..count).ok_or_else(|| truncated(self.byte_place(), what))?;
+        self.at += count;
+        Ok(bytes)
+    }
+}
+
+/// Number formats of PLY and VTK.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    I64,
+    U64,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    pub fn size(self) -> usize {
+        match self {
+            Scalar::I8 | Scalar::U8 => 1,
+            Scalar::I16 | Scalar::U16 => 2,
+            Scalar::I32 | Scalar::U32 | Scalar::F32 => 4,
+            Scalar::I64 | Scalar::U64 | Scalar::F64 => 8,
+        }
+    }
+
+    /// The value of `size` bytes. Integers beyond 2^53 lose digits, but no index reaches there.
+    pub fn value(self, bytes: &[u8], big_endian: bool) -> f64 {
+        let mut word = [0; 8];
+        for (i, b) in bytes.iter().take(self.size()).enumerate() {
+            word[if big_endian { self.size() - 1 - i } else { i }] = *b;
+        }
+        let raw = u64::from_le_bytes(word);
+        match self {
+            Scalar::I8 => f64::from(raw as i8),
+            Scalar::U8 => f64::from(raw as u8),
+            Scalar::I16 => f64::from(raw as i16),
+            Scalar::U16 => f64::from(raw as u16),
+            Scalar::I32 => f64::from(raw as i32),
+            Scalar::U32 => f64::from(raw as u32),
+            Scalar::I64 => raw as i64 as f64,
+            Scalar::U64 => raw as f64,
+            Scalar::F32 => f64::from(f32::from_bits(raw as u32)),
+            Scalar::F64 => f64::from_bits(raw),
+        }
+    }
+}
