@@ -38,7 +38,9 @@ impl<'a> Table<'a> {
         };
         let names: Vec<&str> = cells(header).collect();
         let find = |name: &str| names.iter().position(|n| *n == name);
-        if let Some(twice) = required.iter().chain(optional).find(|n| names.iter().filter(|m| m == n).count() > 1) {
+        if let Some(twice) =
+            required.iter().chain(optional).find(|n| names.iter().filter(|m| m == n).count() > 1)
+        {
             bail!("{file}:{header_line}: column {twice} is there twice; remove or rename one");
         }
         let missing = |name: &str| {
@@ -71,7 +73,10 @@ impl<'a> Table<'a> {
                 let field = fields.get(c).copied().unwrap_or_default();
                 match field.parse::<f64>() {
                     Ok(v) if v.is_finite() => Ok(v),
-                    _ => Err(anyhow!("{file}:{line}: {name} is `{}`; give a finite number", field.escape_debug())),
+                    _ => Err(anyhow!(
+                        "{file}:{line}: {name} is `{}`; give a finite number",
+                        field.escape_debug()
+                    )),
                 }
             });
             rows.push(Row { line, values: values.collect::<Result<_>>()? });

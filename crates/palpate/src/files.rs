@@ -1,6 +1,6 @@
 //! Reading inputs and replacing outputs: digests, atomic writes, and the refusal to overwrite an input.
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, anyhow, bail};
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
 use std::fs::File;
@@ -12,12 +12,12 @@ use std::path::Path;
 /// # Errors
 /// It can't be read, or is not UTF-8.
 pub fn read_text(path: &Path) -> Result<String> {
-    let bytes = std::fs::read(path)
-        .with_context(|| format!("{}: can't be read; check the path and its permissions", path.display()))?;
+    let bytes = std::fs::read(path).map_err(|e| unreadable(path, &e))?;
     match String::from_utf8(bytes) {
         Ok(text) => Ok(text),
         Err(e) => {
-            let line = 1 + e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count();
+            let line =
+                1 + e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count();
             bail!("{}:{line}: it is not UTF-8 text; save it as plain text", path.display())
         }
     }
@@ -45,7 +45,15 @@ pub fn sha256(path: &Path) -> Result<String> {
         }
         Ok(text)
     };
-    read().with_context(|| format!("{}: can't be read; check the path and its permissions", path.display()))
+    read().map_err(|e| unreadable(path, &e))
+}
+
+fn unreadable(path: &Path, error: &std::io::Error) -> anyhow::Error {
+    anyhow!("{}: can't be read ({error}); check the path and its permissions", path.display())
+}
+
+fn unwritable(path: &Path, error: &std::io::Error) -> anyhow::Error {
+    anyhow!("{}: can't be written ({error}); check that its folder exists and has room", path.display())
 }
 
 /// Writes `path` through a temporary file beside it: what was there survives any failure.
@@ -53,7 +61,7 @@ pub fn sha256(path: &Path) -> Result<String> {
 /// # Errors
 /// The folder can't be written or is full, or `write` fails.
 pub fn replace(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<()>) -> Result<()> {
-    let complain = || format!("{}: can't be written; check that its folder exists and has room", path.display());
+    let complain = |e: std::io::Error| unwritable(path, &e);
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if path.is_dir() {
         bail!("{}: it is a folder; name a file", path.display());
@@ -62,10 +70,10 @@ pub fn replace(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<()>) ->
     // A temporary file is its owner's alone; an output is an ordinary file, as far as the umask allows.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let mut out = BufWriter::with_capacity(1 << 18, builder.tempfile_in(folder).with_context(complain)?);
+    let mut out = BufWriter::with_capacity(1 << 18, builder.tempfile_in(folder).map_err(complain)?);
     write(&mut out)?;
-    let file = out.into_inner().map_err(|e| e.into_error()).with_context(complain)?;
-    file.persist(path).map_err(|e| e.error).with_context(complain)?;
+    let file = out.into_inner().map_err(|e| complain(e.into_error()))?;
+    file.persist(path).map_err(|e| complain(e.error))?;
     Ok(())
 }
 
@@ -75,7 +83,9 @@ pub fn replace(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<()>) ->
 /// It is one.
 pub fn refuse_overwrite(output: &Path, inputs: &[&Path]) -> Result<()> {
     match inputs.iter().find(|input| same_file(output, input)) {
-        Some(input) => bail!("{}: the output is the input {}; name another file", output.display(), input.display()),
+        Some(input) => {
+            bail!("{}: the output is the input {}; name another file", output.display(), input.display())
+        }
         None => Ok(()),
     }
 }
@@ -101,6 +111,5 @@ fn same_file(a: &Path, b: &Path) -> bool {
 /// # Errors
 /// It can't be made.
 pub fn make_folder(path: &Path) -> Result<()> {
-    std::fs::create_dir_all(path)
-        .with_context(|| format!("{}: can't make this folder; check the path and its permissions", path.display()))
+    std::fs::create_dir_all(path).map_err(|e| unwritable(path, &e))
 }

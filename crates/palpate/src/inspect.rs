@@ -81,13 +81,13 @@ pub fn inspect(body: &Body) -> Inspection {
     });
     let end = |c: &Curve| c.knots().last().copied().unwrap_or_default();
     let range = |value: &dyn Fn(&Response) -> [f64; 2]| {
-        body.curves().iter().map(value).fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], [a, b]| {
-            [low.min(a), high.max(b)]
-        })
+        body.curves()
+            .iter()
+            .map(value)
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], [a, b]| [low.min(a), high.max(b)])
     };
-    let one = |value: fn(&Response, f64, f64) -> f64| {
-        range(&|r| [value(r, end(&r.normal), end(&r.lateral)); 2])
-    };
+    let one =
+        |value: fn(&Response, f64, f64) -> f64| range(&|r| [value(r, end(&r.normal), end(&r.lateral)); 2]);
     let tool = body.tool();
     Inspection {
         nodes: body.nodes().len(),
@@ -186,7 +186,10 @@ pub fn charts(body: &Body) -> [(&'static str, LineChart); 3] {
     let depth = "normal deflection (mm)";
     [
         ("normal.png", chart("Normal force", depth, "normal force (N)", |r| &r.normal)),
-        ("lateral.png", chart("Lateral force", "lateral deflection (mm)", "lateral force (N)", |r| &r.lateral)),
+        (
+            "lateral.png",
+            chart("Lateral force", "lateral deflection (mm)", "lateral force (N)", |r| &r.lateral),
+        ),
         ("friction.png", chart("Friction", depth, "friction coefficient", |r| &r.friction)),
     ]
 }

@@ -30,9 +30,9 @@ pub struct Variation {
 impl Variation {
     /// The factor at each of `positions` (m).
     pub fn factors(&self, positions: &[DVec3]) -> Vec<f64> {
-        let (low, high) = positions.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| {
-            (low.min(p.z), high.max(p.z))
-        });
+        let (low, high) = positions
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| (low.min(p.z), high.max(p.z)));
         let (middle, length) = ((low + high) / 2.0, high - low);
         let factor = |p: &DVec3| {
             let reach = (p.x * p.x + p.y * p.y).sqrt();
@@ -50,9 +50,15 @@ impl Law {
     ///
     /// # Errors
     /// Deflections or coefficients that a curve can't have.
-    pub fn responses(&self, positions: &[DVec3], friction: &Friction, deflection: Deflection) -> Result<Vec<Response>> {
+    pub fn responses(
+        &self,
+        positions: &[DVec3],
+        friction: &Friction,
+        deflection: Deflection,
+    ) -> Result<Vec<Response>> {
         let Deflection { normal_max_m, lateral_max_m, steps } = deflection;
-        let even = |end: f64| (0..=steps).map(move |i| end * f64::from(i) / f64::from(steps)).collect::<Vec<_>>();
+        let even =
+            |end: f64| (0..=steps).map(move |i| end * f64::from(i) / f64::from(steps)).collect::<Vec<_>>();
         let mut depths = even(normal_max_m);
         let table: Vec<(f64, f64)> = match friction {
             Friction::Constant(mu) => vec![(0.0, *mu), (normal_max_m, *mu)],
@@ -85,7 +91,8 @@ impl Law {
 /// The value at `x` on straight lines between the rows, constant beyond them.
 fn between(rows: &[(f64, f64)], x: f64) -> f64 {
     let Some(i) = rows.iter().position(|(at, _)| *at >= x) else { return rows.last().map_or(0.0, |r| r.1) };
-    let Some(((x0, y0), (x1, y1))) = i.checked_sub(1).and_then(|h| Some((*rows.get(h)?, *rows.get(i)?))) else {
+    let Some(((x0, y0), (x1, y1))) = i.checked_sub(1).and_then(|h| Some((*rows.get(h)?, *rows.get(i)?)))
+    else {
         return rows[i].1;
     };
     y0 + (y1 - y0) * ((x - x0) / (x1 - x0))
@@ -102,7 +109,8 @@ mod tests {
             lateral_n_per_m: 500.0,
             variation: Variation { around: 0.5, along: 0.2 },
         };
-        let positions = [DVec3::new(0.03, 0.0, -0.05), DVec3::new(-0.03, 0.0, 0.05), DVec3::new(0.0, 0.03, 0.025)];
+        let positions =
+            [DVec3::new(0.03, 0.0, -0.05), DVec3::new(-0.03, 0.0, 0.05), DVec3::new(0.0, 0.03, 0.025)];
         let friction = Friction::Table(vec![(0.0, 0.4), (3e-3, 0.2), (20e-3, 0.1)]);
         let deflection = Deflection { normal_max_m: 8e-3, lateral_max_m: 4e-3, steps: 12 };
         let responses = law.responses(&positions, &friction, deflection).unwrap();

@@ -37,7 +37,10 @@ fn parse(path: &Path, text: &str) -> Result<Vec<Waypoint>> {
         if let Some(before) = waypoints.last().map(|w| w.time_s)
             && time_s <= before
         {
-            return Err(table.error(row, &format!("time_s {time_s} does not come after {before}; sort the rows by time")));
+            return Err(table.error(
+                row,
+                &format!("time_s {time_s} does not come after {before}; sort the rows by time"),
+            ));
         }
         if position_m.iter().any(|x| x.abs() > 1e3) {
             return Err(table.error(row, "a coordinate is beyond 1000 m; give positions in m"));
@@ -65,7 +68,9 @@ pub fn resample(waypoints: &[Waypoint], rate_hz: f64) -> Result<Vec<Waypoint>> {
     let (Some(first), Some(last)) = (waypoints.first(), waypoints.last()) else { return Ok(Vec::new()) };
     let steps = ((last.time_s - first.time_s) * rate_hz + 1e-6).floor() + 1.0;
     if !(rate_hz > 0.0 && steps <= MAX_STEPS) {
-        bail!("--rate-hz {rate_hz}: it gives {steps} steps; choose a rate that gives between 1 and {MAX_STEPS}");
+        bail!(
+            "--rate-hz {rate_hz}: it gives {steps} steps; choose a rate that gives between 1 and {MAX_STEPS}"
+        );
     }
     let mut segment = 0;
     let at = |k: u64| {
@@ -99,14 +104,20 @@ mod tests {
     #[test]
     fn a_path_is_resampled_between_its_rows() {
         let half = std::f64::consts::FRAC_1_SQRT_2;
-        let path = read(&format!("time_s,z_m,y_m,x_m,qw,qx,qy,qz\n1,0,0,0,1,0,0,0\n2,0,0,4,{half},0,0,{half}\n")).unwrap();
+        let path =
+            read(&format!("time_s,z_m,y_m,x_m,qw,qx,qy,qz\n1,0,0,0,1,0,0,0\n2,0,0,4,{half},0,0,{half}\n"))
+                .unwrap();
         let fine = resample(&path, 4.0).unwrap();
         assert_eq!(fine.len(), 5);
         let xs: Vec<f64> = fine.iter().map(|w| w.pose.position_m[0]).collect();
         assert_eq!(xs, [0.0, 1.0, 2.0, 3.0, 4.0]);
         // Half of a quarter turn about z.
         assert!((fine[2].pose.orientation[3] - (std::f64::consts::PI / 8.0).sin()).abs() < 1e-12);
-        assert!(resample(&path, 0.0).is_err() && resample(&path, f64::NAN).is_err() && resample(&path, 1e12).is_err());
+        assert!(
+            resample(&path, 0.0).is_err()
+                && resample(&path, f64::NAN).is_err()
+                && resample(&path, 1e12).is_err()
+        );
     }
 
     #[test]
@@ -115,7 +126,9 @@ mod tests {
         let path = read(&format!("time_s,x_m,y_m,z_m\n{rows}")).unwrap();
         let again = resample(&path, 1000.0).unwrap();
         assert_eq!(again.len(), path.len());
-        assert!(path.iter().zip(&again).all(|(a, b)| (a.pose.position_m[0] - b.pose.position_m[0]).abs() < 1e-9));
+        assert!(
+            path.iter().zip(&again).all(|(a, b)| (a.pose.position_m[0] - b.pose.position_m[0]).abs() < 1e-9)
+        );
     }
 
     #[test]

@@ -162,14 +162,16 @@ impl Spec {
             ("[[body.fixed]]", body.is_some_and(|b| b.fixed.is_some())),
             (
                 "[tool] contact",
-                raw.tool.as_ref().is_some_and(|t| t.get_ref().contact.is_some() || t.get_ref().patch_radius_mm.is_some()),
+                raw.tool
+                    .as_ref()
+                    .is_some_and(|t| t.get_ref().contact.is_some() || t.get_ref().patch_radius_mm.is_some()),
             ),
         ];
         ignored.extend(given.into_iter().filter(|(_, given)| *given).map(|(name, _)| name));
         let geometry = body.map(|b| geometry(&source, b)).transpose()?.flatten();
-        let crease_angle = body.and_then(|b| b.crease_angle_deg.as_ref()).map(|angle| {
-            source.within(angle, "crease_angle_deg", 0.0..=180.0).map(f64::to_radians)
-        });
+        let crease_angle = body
+            .and_then(|b| b.crease_angle_deg.as_ref())
+            .map(|angle| source.within(angle, "crease_angle_deg", 0.0..=180.0).map(f64::to_radians));
         let law = raw.response.as_ref().map(|r| law(&source, r)).transpose()?;
         Ok(Spec {
             geometry,
@@ -197,9 +199,10 @@ fn geometry(source: &Source, body: &RawBody) -> Result<Option<Geometry>> {
             Ok(Some(Geometry::Mesh(folder.join(mesh.get_ref()))))
         }
         (None, Some(shape)) => {
-            let (shape, resolution) = shape.get_ref().resolve().map_err(|e| {
-                anyhow!("{}", e).context(source.place(shape.span()))
-            })?;
+            let (shape, resolution) = shape
+                .get_ref()
+                .resolve()
+                .map_err(|e| anyhow!("{}", e).context(source.place(shape.span())))?;
             Ok(Some(Geometry::Shape(shape, resolution)))
         }
         (None, None) => Ok(None),
@@ -210,7 +213,9 @@ fn friction(source: &Source, raw: &Spanned<RawFriction>) -> Result<Friction> {
     let table = raw.get_ref();
     let coefficient = |value: f64, span| match value {
         v if (0.0..=100.0).contains(&v) => Ok(v),
-        v => Err(source.error(span, &format!("the friction coefficient is {v}"), "give one between 0 and 100")),
+        v => {
+            Err(source.error(span, &format!("the friction coefficient is {v}"), "give one between 0 and 100"))
+        }
     };
     match (&table.coefficient, &table.depth_mm, &table.coefficients) {
         (Some(c), None, None) => Ok(Friction::Constant(coefficient(*c.get_ref(), c.span())?)),
@@ -259,9 +264,11 @@ fn tool(source: &Source, raw: &Spanned<RawTool>) -> Result<Tool> {
     let tool = raw.get_ref();
     match (tool.shape.get_ref().as_str(), &tool.radius_mm) {
         ("point", None) => Ok(Tool::point()),
-        ("point", Some(radius)) => {
-            Err(source.error(radius.span(), "a point has no radius", "remove radius_mm, or say shape = \"sphere\""))
-        }
+        ("point", Some(radius)) => Err(source.error(
+            radius.span(),
+            "a point has no radius",
+            "remove radius_mm, or say shape = \"sphere\"",
+        )),
         ("sphere", Some(radius)) => Ok(Tool::sphere(source.within(radius, "radius_mm", 1e-3..=1e3)? / 1e3)),
         ("sphere", None) => Err(source.error(raw.span(), "the sphere's radius is missing", "add radius_mm")),
         (other, _) => Err(source.error(
@@ -295,7 +302,9 @@ fn law(source: &Source, raw: &RawResponse) -> Result<Law> {
         value.as_ref().map_or(Ok(0.0), |v| source.within(v, key, 0.0..=0.999))
     };
     let variation = match raw.law.get_ref().as_str() {
-        "paper-cylinder" => Variation { around: share(&raw.around, "around")?, along: share(&raw.along, "along")? },
+        "paper-cylinder" => {
+            Variation { around: share(&raw.around, "around")?, along: share(&raw.along, "along")? }
+        }
         "uniform" => {
             if let Some(extra) = raw.around.as_ref().or(raw.along.as_ref()) {
                 let mend = "remove it, or say law = \"paper-cylinder\"";

@@ -156,13 +156,31 @@ impl Summary {
 
     /// Takes over what the contact itself counted.
     pub fn finish(&mut self, contact: &Contact) {
-        let Counters { steps, onsets, slips, evaluations, crossings, blocked, capped, invalid_poses, contained } =
-            *contact.counters();
+        let Counters {
+            steps,
+            onsets,
+            slips,
+            evaluations,
+            crossings,
+            blocked,
+            capped,
+            invalid_poses,
+            contained,
+        } = *contact.counters();
         let Ledger { work_j, stored_j, dissipated_j, generated_j } = *contact.energy();
         self.contacts = onsets;
         self.energy = Energies { work_j, stored_j, dissipated_j, generated_j };
-        self.counters =
-            Counts { steps, onsets, slips, evaluations, crossings, blocked, capped, invalid_poses, contained };
+        self.counters = Counts {
+            steps,
+            onsets,
+            slips,
+            evaluations,
+            crossings,
+            blocked,
+            capped,
+            invalid_poses,
+            contained,
+        };
     }
 
     /// What deserves to be said aloud.
@@ -170,13 +188,22 @@ impl Summary {
         let n = &self.flags;
         let said = [
             (n.started_inside, "began inside the body and felt no force until it had left"),
-            (n.capped, "ran into the bound of the slip search; the lateral force was cut to the friction limit"),
+            (
+                n.capped,
+                "ran into the bound of the slip search; the lateral force was cut to the friction limit",
+            ),
             (n.blocked, "had the contact point held by an edge or vertex"),
             (n.border, "ended a contact at the surface's border"),
-            (n.reanchored, "took up contact anew at the nearest surface point after a release inside the body"),
+            (
+                n.reanchored,
+                "took up contact anew at the nearest surface point after a release inside the body",
+            ),
             (n.invalid_pose, "had a pose that can't be used"),
             (n.contained, "had a force that was not finite and became 0"),
         ];
-        said.into_iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} of {} steps {what}", self.steps)).collect()
+        said.into_iter()
+            .filter(|(n, _)| *n > 0)
+            .map(|(n, what)| format!("{n} of {} steps {what}", self.steps))
+            .collect()
     }
 }

@@ -31,7 +31,8 @@ pub fn write(body: &Body, out: &mut dyn Write) -> Result<()> {
         integers("test_points", 3, nodes.len(), move |i| nodes[i].test_points.to_vec()),
         integers("test_point", 1, nodes.len(), move |i| {
             // The one that counts most.
-            let most = (0..3).max_by(|&a, &b| nodes[i].weights[a].total_cmp(&nodes[i].weights[b]).then(b.cmp(&a)));
+            let most =
+                (0..3).max_by(|&a, &b| nodes[i].weights[a].total_cmp(&nodes[i].weights[b]).then(b.cmp(&a)));
             vec![nodes[i].test_points[most.unwrap_or(0)]]
         }),
     ];

@@ -16,11 +16,8 @@ const AROUND: usize = 24;
 const ALONG: usize = 11;
 
 /// The paper's law at the mean.
-const LAW: Law = Law {
-    normal_n_per_m: 600.0,
-    lateral_n_per_m: 500.0,
-    variation: Variation { around: 0.5, along: 0.2 },
-};
+const LAW: Law =
+    Law { normal_n_per_m: 600.0, lateral_n_per_m: 500.0, variation: Variation { around: 0.5, along: 0.2 } };
 
 /// A tube of about this many triangles with the responses of the coarse one's 288 nodes: at 528 triangles every node
 /// is its own test point, elsewhere a node mixes the three of the coarse triangle that it lies in, in (θ, z).

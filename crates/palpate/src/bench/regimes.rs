@@ -1,8 +1,8 @@
 //! What the tool does while it is timed. Poses are computed before.
 
+use super::Row;
 use super::cylinder::{LENGTH, RADIUS};
 use super::timing::{BATCH, Clock};
-use super::Row;
 use palpate_body::{Body, SlipRule};
 use palpate_engine::{Contact, Counters, Output, ToolPose};
 use std::f64::consts::PI;
@@ -108,7 +108,9 @@ fn along(body: &Body, [batched, single]: [&[ToolPose]; 2], lead_in: usize) -> Ti
     timed.singles.reserve(single.len());
     for pose in single {
         let mut output = None;
-        timed.singles.push(Clock::nanoseconds(|| output = Some(black_box(contact.step(body, black_box(pose))))));
+        timed
+            .singles
+            .push(Clock::nanoseconds(|| output = Some(black_box(contact.step(body, black_box(pose))))));
         if let Some(output) = output {
             timed.counts.add_output(&output);
         }
@@ -154,7 +156,9 @@ fn poke(body: &Body, count: usize) -> Timed {
             }
             for (contact, pose) in &mut contacts {
                 let (before, mut output) = (*contact.counters(), None);
-                timed.singles.push(Clock::nanoseconds(|| output = Some(black_box(contact.step(body, black_box(pose))))));
+                timed.singles.push(Clock::nanoseconds(|| {
+                    output = Some(black_box(contact.step(body, black_box(pose))))
+                }));
                 timed.counts.add_contact(&before, contact.counters());
                 if let Some(output) = output {
                     timed.counts.add_output(&output);

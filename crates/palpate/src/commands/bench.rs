@@ -69,7 +69,8 @@ fn text(rows: &[Row]) -> String {
     lines[0].push(format!("to {least}"));
     for regime in REGIMES {
         let of = |r: &&Row| r.regime == regime;
-        let base = rows.iter().filter(of).find(|r| r.triangles == least).map_or(f64::NAN, |r| r.times.median_ns);
+        let base =
+            rows.iter().filter(of).find(|r| r.triangles == least).map_or(f64::NAN, |r| r.times.median_ns);
         lines.extend(rows.iter().filter(of).map(|r| {
             vec![
                 r.regime.to_owned(),

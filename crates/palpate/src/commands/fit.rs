@@ -20,9 +20,11 @@ use std::path::{Path, PathBuf};
 /// that were measured or computed elsewhere (CSV: point,x_m,y_m,z_m,component,deflection_m,value), or a law that the
 /// spec names. What was repaired or assumed is said on standard error, and kept in the body.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  palpate fit --mesh liver.stl --unit mm --samples liver.csv -o liver.body\n  \
+#[command(
+    after_help = "Examples:\n  palpate fit --mesh liver.stl --unit mm --samples liver.csv -o liver.body\n  \
                         palpate fit --spec cylinder.toml -o cylinder.body\n\n\
-                        Exit status: 0 done, 1 wrong input, 2 wrong usage.")]
+                        Exit status: 0 done, 1 wrong input, 2 wrong usage."
+)]
 #[command(group = clap::ArgGroup::new("source").args(["mesh", "spec"]).required(true).multiple(true))]
 pub struct Args {
     /// Surface mesh; goes before the spec's
@@ -91,13 +93,16 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         (Some(mesh), _) | (None, Some(Geometry::Mesh(mesh))) => Some(mesh.as_path()),
         _ => None,
     };
-    let inputs: Vec<&Path> = [args.spec.as_deref(), mesh, args.samples.as_deref()].into_iter().flatten().collect();
+    let inputs: Vec<&Path> =
+        [args.spec.as_deref(), mesh, args.samples.as_deref()].into_iter().flatten().collect();
     files::refuse_overwrite(&args.output, &inputs)?;
 
     let mut notes = Vec::new();
     if let (Some(spec), Some(path)) = (&spec, &args.spec) {
         let unused = spec.ignored.iter();
-        notes.extend(unused.map(|key| format!("{}: {key} is for simulations; it is ignored here", path.display())));
+        notes.extend(
+            unused.map(|key| format!("{}: {key} is for simulations; it is ignored here", path.display())),
+        );
     }
     let surface = surface(args, spec.as_ref(), mesh, &mut notes)?;
     let (mixes, responses, test_point_nodes, fitted) = responses(args, spec.as_ref(), &surface)?;
@@ -120,7 +125,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         slip: spec.as_ref().map_or(SlipRule::Paper, |s| s.slip),
         provenance,
     })
-    .map_err(|e| inputs.first().map_or_else(|| anyhow!("{e}"), |input| anyhow!("{}: {e}", input.display())))?;
+    .map_err(|e| {
+        inputs.first().map_or_else(|| anyhow!("{e}"), |input| anyhow!("{}: {e}", input.display()))
+    })?;
     body.save(&args.output)?;
 
     for note in &notes {
@@ -159,7 +166,10 @@ fn surface(
     }
     let file = args.spec.as_deref().unwrap_or(Path::new("spec"));
     let Some(Geometry::Shape(shape, resolution)) = spec.and_then(|s| s.geometry.as_ref()) else {
-        return Err(anyhow!("{}: [body] names neither mesh nor shape; add one, or give --mesh", file.display()));
+        return Err(anyhow!(
+            "{}: [body] names neither mesh nor shape; add one, or give --mesh",
+            file.display()
+        ));
     };
     let surface = Surface::build(&shape.mesh(*resolution)?, crease_angle).map_err(|e| e.in_file(file))?;
     match shape {
@@ -194,21 +204,21 @@ fn responses(args: &Args, spec: Option<&Spec>, surface: &Surface) -> anyhow::Res
         };
         let samples = read_samples(path)?;
         let options = FitOptions { interpolation, default_friction };
-        let (mixes, responses, nodes, report) =
-            fit(surface, &samples, &options).map_err(|e| e.in_file(path))?;
-        return Ok((mixes, responses, nodes, Some(report)));
+        let fitted = fit(surface, &samples, &options).map_err(|e| e.in_file(path))?;
+        return Ok((fitted.mixes, fitted.responses, fitted.test_point_nodes, Some(fitted.report)));
     }
     let Some((spec, path)) = spec.zip(args.spec.as_deref()) else {
         return Err(anyhow!("no curves given; give --samples, or a --spec with [response]"));
     };
     let missing = |what: &str, mend: &str| anyhow!("{}: {what} is missing; {mend}", path.display());
     let law = spec.law.ok_or_else(|| missing("[response]", "name a law there, or give --samples"))?;
-    let deflection = spec
-        .deflection
-        .ok_or_else(|| missing("[deflection]", "say how far the law reaches: normal_max_mm and lateral_max_mm"))?;
+    let deflection = spec.deflection.ok_or_else(|| {
+        missing("[deflection]", "say how far the law reaches: normal_max_mm and lateral_max_mm")
+    })?;
     let friction = friction.ok_or_else(|| missing("[friction]", "give its coefficient, or --friction"))?;
-    let responses =
-        law.responses(surface.positions(), &friction, deflection).with_context(|| path.display().to_string())?;
+    let responses = law
+        .responses(surface.positions(), &friction, deflection)
+        .with_context(|| path.display().to_string())?;
     let nodes: Vec<u32> = (0..responses.len() as u32).collect();
     Ok((nodes.iter().map(|&n| NodeMix::own(n)).collect(), responses, nodes, None))
 }
@@ -221,7 +231,11 @@ fn digests(inputs: &[&Path]) -> anyhow::Result<BTreeMap<String, String>> {
 fn command_line() -> String {
     let quoted = |arg: String| {
         let plain = |c: char| c.is_alphanumeric() || "-_./=,:+%@".contains(c);
-        if !arg.is_empty() && arg.chars().all(plain) { arg } else { format!("'{}'", arg.replace('\'', r"'\''")) }
+        if !arg.is_empty() && arg.chars().all(plain) {
+            arg
+        } else {
+            format!("'{}'", arg.replace('\'', r"'\''"))
+        }
     };
     let args = std::env::args_os().skip(1).map(|arg| quoted(arg.to_string_lossy().into_owned()));
     std::iter::once("palpate".to_owned()).chain(args).collect::<Vec<_>>().join(" ")

@@ -59,7 +59,8 @@ fn text(i: &Inspection) -> String {
         0.0 => t.shape.clone(),
         radius => format!("{} of radius {:.3} mm", t.shape, radius * 1e3),
     });
-    let slip = serde_json::to_value(i.slip).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default();
+    let slip =
+        serde_json::to_value(i.slip).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default();
     let ranges = &i.ranges;
     let rows = [
         ("nodes", i.nodes.to_string()),
@@ -92,7 +93,9 @@ fn text(i: &Inspection) -> String {
     }
     let mut rows = vec![vec!["depth (mm)".to_owned(), "greatest stiffness (N/m)".to_owned()]];
     rows.extend(
-        i.stiffness_max_n_per_m.iter().map(|s| vec![format!("{:.3}", s.depth_m * 1e3), format!("{:.1}", s.value)]),
+        i.stiffness_max_n_per_m
+            .iter()
+            .map(|s| vec![format!("{:.3}", s.depth_m * 1e3), format!("{:.1}", s.value)]),
     );
     format!("{out}\n{}", console::table(&rows))
 }

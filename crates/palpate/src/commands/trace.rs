@@ -17,8 +17,10 @@ use std::path::PathBuf;
 /// dissipated_j, generated_j (sums since the first row). Without contact, element is -1 and the contact's columns
 /// are 0. Every number reads back to the same bits.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  palpate trace liver.body --path drag.csv --rate-hz 1000 -o drag-trace.csv\n\n\
-                        Exit status: 0 done, 1 wrong input, 2 wrong usage.")]
+#[command(
+    after_help = "Example:\n  palpate trace liver.body --path drag.csv --rate-hz 1000 -o drag-trace.csv\n\n\
+                        Exit status: 0 done, 1 wrong input, 2 wrong usage."
+)]
 pub struct Args {
     /// Body file
     body: PathBuf,
