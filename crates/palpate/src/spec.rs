@@ -7,7 +7,7 @@ use crate::law::{Law, Variation};
 use anyhow::{Result, anyhow};
 use palpate_body::import::LengthUnit;
 use palpate_body::shape::{Resolution, Shape, ShapeSpec};
-use palpate_body::{SlipRule, Tool};
+use palpate_body::{BodyError, SlipRule, Tool};
 use serde::Deserialize;
 use source::Source;
 use std::path::{Path, PathBuf};
@@ -199,10 +199,14 @@ fn geometry(source: &Source, body: &RawBody) -> Result<Option<Geometry>> {
             Ok(Some(Geometry::Mesh(folder.join(mesh.get_ref()))))
         }
         (None, Some(shape)) => {
-            let (shape, resolution) = shape
-                .get_ref()
-                .resolve()
-                .map_err(|e| anyhow!("{}", e).context(source.place(shape.span())))?;
+            let (shape, resolution) = shape.get_ref().resolve().map_err(|e| {
+                // The complaint's place is the key's name.
+                let key = match &e {
+                    BodyError::Invalid { place, .. } => place.rsplit(' ').next().unwrap_or_default(),
+                    BodyError::Io { .. } => "",
+                };
+                anyhow!("{}: {e}", source.place(source.find_key(shape.span(), key)))
+            })?;
             Ok(Some(Geometry::Shape(shape, resolution)))
         }
         (None, None) => Ok(None),

@@ -41,13 +41,10 @@ impl Clock {
 
     /// Sums up times of whole batches and of single steps.
     pub fn sum_up(&self, mut batches: Vec<f64>, mut singles: Vec<f64>) -> Times {
-        let single = |q: f64, times: &mut [f64]| (percentile(times, q) - self.overhead_ns).max(0.0);
-        let batch = (percentile(&mut batches, 0.5) - self.overhead_ns).max(0.0);
-        Times {
-            median_ns: batch / BATCH as f64,
-            p99_ns: single(0.99, &mut singles),
-            p999_ns: single(0.999, &mut singles),
-        }
+        let median_ns = (percentile(&mut batches, 0.5) - self.overhead_ns).max(0.0) / BATCH as f64;
+        // Reading the clock overlaps with the step: taking all of it off may take a little too much.
+        let single = |q: f64, times: &mut [f64]| (percentile(times, q) - self.overhead_ns).max(median_ns);
+        Times { median_ns, p99_ns: single(0.99, &mut singles), p999_ns: single(0.999, &mut singles) }
     }
 }
 

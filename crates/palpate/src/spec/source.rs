@@ -19,6 +19,21 @@ impl Source<'_> {
         format!("{}:{line}", self.path.display())
     }
 
+    /// Where `key` stands in the table at `table`, or else the table itself.
+    pub fn find_key(&self, table: Range<usize>, key: &str) -> Range<usize> {
+        let mut start = table.start;
+        for (i, line) in self.text.get(table.start..).unwrap_or_default().split_inclusive('\n').enumerate() {
+            if i > 0 && line.starts_with('[') {
+                break;
+            }
+            if line.split('=').next().is_some_and(|name| name.trim() == key) {
+                return start..start + line.len();
+            }
+            start += line.len();
+        }
+        table
+    }
+
     /// A complaint about a value.
     pub fn error(&self, span: Range<usize>, problem: &str, mend: &str) -> anyhow::Error {
         anyhow!("{}: {problem}; {mend}", self.place(span))
