@@ -1,4 +1,417 @@
-//! The body file.
-pub(crate) fn lock(_: &[u8]) -> std::io::Result<()> {
+//! The body file: safetensors with a schema and a version in its metadata. `docs/body-file.md` describes it.
+//!
+//! Everything is checked on the way in: dtypes and shapes against each other before anything is allocated, then the
+//! contents by [`Curve::from_ordinates`] and [`Body::new`], as for any other body. What a reader of version 1 does
+//! not know it refuses, since a response that is left out would render wrong forces.
+
+use crate::body::{Body, BodyParts, NodeMix, Provenance, SlipRule, Tool};
+use crate::curve::{Curve, Extension, check_knots};
+use crate::error::{BodyError, Result};
+use crate::response::Response;
+use crate::surface::{Element, Surface};
+use bytemuck::{Pod, bytes_of, cast_slice, pod_collect_to_vec};
+use safetensors::Dtype::{self, F64, U32};
+use safetensors::tensor::{Metadata, TensorInfo};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+use std::path::Path;
+
+// Tensors are little endian and are copied as they are.
+const _: () =
+    assert!(cfg!(target_endian = "little"), "body files are read and written on little-endian machines");
+
+const SCHEMA: &str = "palpate-body";
+const VERSION: u32 = 1;
+const UNITS: &str = "SI: m, N, J";
+
+/// Bytes of the header's length, which the file begins with.
+const LENGTH: usize = size_of::<u64>();
+
+/// Bytes a header may have: parsing takes several times as much. A spec's text is the longest thing in it.
+const MAX_HEADER: usize = 4 << 20;
+
+/// How many there are of everything.
+struct Sizes {
+    nodes: usize,
+    elements: usize,
+    test_points: usize,
+    depth_knots: usize,
+    lateral_knots: usize,
+}
+
+/// The tensors of version 1 in their order in the file, wider numbers first, so that all are aligned.
+///
+/// Responses that depend on orientation, torque curves, and coupled or anisotropic responses would be further
+/// tensors of a later version.
+fn layout(s: &Sizes) -> [(&'static str, Dtype, Vec<usize>); 13] {
+    let (depth, lateral) = (s.depth_knots.saturating_sub(1), s.lateral_knots.saturating_sub(1));
+    [
+        ("positions", F64, vec![s.nodes, 3]),
+        ("inward_normals", F64, vec![s.nodes, 3]),
+        ("node_weights", F64, vec![s.nodes, 3]),
+        ("depth_knots_m", F64, vec![s.depth_knots]),
+        ("lateral_knots_m", F64, vec![s.lateral_knots]),
+        ("normal_curves_n", F64, vec![s.test_points, depth, 4]),
+        ("friction_curves", F64, vec![s.test_points, depth, 4]),
+        ("lateral_curves_n", F64, vec![s.test_points, lateral, 4]),
+        ("vertices", U32, vec![s.nodes]),
+        ("node_test_points", U32, vec![s.nodes, 3]),
+        ("triangles", U32, vec![s.elements, 3]),
+        ("twins", U32, vec![s.elements, 3]),
+        ("test_point_nodes", U32, vec![s.test_points]),
+    ]
+}
+
+/// What stands before the tensors, sorted, so that the same body has the same bytes.
+#[derive(Serialize)]
+struct Header {
+    __metadata__: BTreeMap<&'static str, String>,
+    #[serde(flatten)]
+    tensors: BTreeMap<&'static str, TensorInfo>,
+}
+
+impl Body {
+    /// Writes the body to `path`: to a temporary file beside it first, so that a file that is there already survives
+    /// any failure. The same body always gives the same bytes.
+    ///
+    /// # Errors
+    /// The folder is missing, full or not writable, or the provenance is too long for a header.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        let header = self.header().map_err(|e| e.in_file(path))?;
+        let write = || {
+            let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            let mut builder = tempfile::Builder::new();
+            // A temporary file is its owner's alone; a body is an ordinary file, as far as the umask allows.
+            #[cfg(unix)]
+            builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+            let mut out = io::BufWriter::with_capacity(1 << 20, builder.tempfile_in(folder)?);
+            self.write(&header, &mut out)?;
+            let file = out.into_inner().map_err(io::IntoInnerError::into_error)?;
+            file.as_file().sync_all()?;
+            file.persist(path).map_err(|e| e.error)?;
+            // The new name is on disk once the folder is.
+            #[cfg(unix)]
+            std::fs::File::open(folder)?.sync_all()?;
+            Ok(())
+        };
+        write().map_err(|e| BodyError::io(path, e))
+    }
+
+    /// Reads and checks the body at `path`, which must not be rewritten meanwhile: it is mapped into memory.
+    ///
+    /// # Errors
+    /// The file can't be read, is no body file, is damaged, or was made by a newer version.
+    pub fn open(path: &Path) -> Result<Self> {
+        let io = |e| BodyError::io(path, e);
+        if !std::fs::metadata(path).map_err(io)?.is_file() {
+            return Err(
+                BodyError::invalid("path", "it is no ordinary file", "name a body file").in_file(path)
+            );
+        }
+        let file = std::fs::File::open(path).map_err(io)?;
+        // SAFETY: the map is private to this function and only read. A process that rewrites the file in place could
+        // change bytes under it: they are plain numbers, valid whatever their bits, and checked after they were
+        // copied. One that cuts the file short ends this process with a bus error, as with any map. `save` does
+        // neither: it replaces the file.
+        #[allow(unsafe_code, reason = "a map spares the copy of a file that may have gigabytes")]
+        let bytes = unsafe { memmap2::Mmap::map(&file) }.map_err(io)?;
+        Self::from_bytes(&bytes).map_err(|e| e.in_file(path))
+    }
+
+    /// The body in the bytes of a body file, which may be unaligned.
+    ///
+    /// # Errors
+    /// As [`Body::open`]; the place names the tensor or metadata key.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
+        let file = File::parse(bytes)?;
+        let [normal, friction, lateral] = [
+            file.curves("normal_curves_n", "depth_knots_m", Extension::Linear)?,
+            file.curves("friction_curves", "depth_knots_m", Extension::Constant)?,
+            file.curves("lateral_curves_n", "lateral_knots_m", Extension::Linear)?,
+        ];
+        let responses = normal.into_iter().zip(lateral).zip(friction);
+        let elements = file.rows("triangles").zip(file.rows("twins"));
+        let mixes = file.rows("node_test_points").zip(file.rows("node_weights"));
+        Body::new(BodyParts {
+            surface: Surface {
+                positions: pod_collect_to_vec(file.bytes("positions")),
+                inward: pod_collect_to_vec(file.bytes("inward_normals")),
+                elements: elements.map(|(nodes, twins)| Element { nodes, twins }).collect(),
+                vertices: pod_collect_to_vec(file.bytes("vertices")),
+            },
+            mixes: mixes.map(|(test_points, weights)| NodeMix { test_points, weights }).collect(),
+            responses: responses
+                .map(|((normal, lateral), friction)| Response { normal, lateral, friction })
+                .collect(),
+            test_point_nodes: pod_collect_to_vec(file.bytes("test_point_nodes")),
+            tool: file.tool()?,
+            slip: file.json("slip", |text| serde_json::from_value::<SlipRule>(text.into()))?,
+            provenance: file.json("provenance", serde_json::from_str::<Provenance>)?,
+        })
+    }
+
+    /// The bytes that [`Body::save`] writes.
+    ///
+    /// # Errors
+    /// The provenance is too long for a header.
+    pub fn to_bytes(&self) -> Result<Vec<u8>> {
+        let header = self.header()?;
+        let mut bytes = Vec::new();
+        self.write(&header, &mut bytes).map_err(|e| BodyError::io(Path::new("memory"), e))?;
+        Ok(bytes)
+    }
+
+    fn sizes(&self) -> Sizes {
+        Sizes {
+            nodes: self.nodes.len(),
+            elements: self.elements.len(),
+            test_points: self.curves.len(),
+            depth_knots: self.responses.depth_knots().values().len(),
+            lateral_knots: self.responses.lateral_knots().values().len(),
+        }
+    }
+
+    /// The header behind its length, padded so that the tensors begin at a multiple of 8.
+    fn header(&self) -> Result<Vec<u8>> {
+        // Nothing is written that reading would refuse.
+        for (t, r) in self.curves.iter().enumerate() {
+            for curve in [&r.normal, &r.lateral, &r.friction] {
+                Curve::from_ordinates(curve.knots(), curve.ordinates(), curve.extension())
+                    .map_err(|e| within(format!("test point {t}"), e))?;
+            }
+        }
+        let mut tensors = BTreeMap::new();
+        let mut end = 0;
+        for (name, dtype, shape) in layout(&self.sizes()) {
+            let start = end;
+            end += shape.iter().product::<usize>() * (dtype.bitsize() / 8);
+            tensors.insert(name, TensorInfo { dtype, shape, data_offsets: (start, end) });
+        }
+        let encode = || {
+            let __metadata__ = BTreeMap::from([
+                ("schema", SCHEMA.to_string()),
+                ("version", VERSION.to_string()),
+                ("units", UNITS.to_string()),
+                ("tool", serde_json::to_string(&self.tool)?),
+                ("slip", serde_json::to_string(&self.slip)?.trim_matches('"').to_string()),
+                ("provenance", serde_json::to_string(&self.provenance)?),
+            ]);
+            let mut header = vec![0; LENGTH];
+            serde_json::to_writer(&mut header, &Header { __metadata__, tensors })?;
+            Ok::<_, serde_json::Error>(header)
+        };
+        let mut header =
+            encode().map_err(|e| BodyError::invalid("metadata", e.to_string(), "mend the provenance"))?;
+        header.resize(header.len().next_multiple_of(8), b' ');
+        let length = header.len() - LENGTH;
+        if length > MAX_HEADER {
+            return Err(BodyError::invalid(
+                "metadata `provenance`",
+                format!("with it the header has {length} bytes, where {MAX_HEADER} are allowed"),
+                "shorten the spec or the notes",
+            ));
+        }
+        header[..LENGTH].copy_from_slice(&(length as u64).to_le_bytes());
+        Ok(header)
+    }
+
+    fn write(&self, header: &[u8], out: &mut dyn Write) -> io::Result<()> {
+        out.write_all(header)?;
+        layout(&self.sizes()).iter().try_for_each(|(name, ..)| self.write_tensor(name, out))
+    }
+
+    fn write_tensor(&self, name: &str, out: &mut dyn Write) -> io::Result<()> {
+        let mut put = |bytes: &[u8]| out.write_all(bytes);
+        let Body { nodes, elements, curves, .. } = self;
+        match name {
+            "positions" => nodes.iter().try_for_each(|n| put(bytes_of(&n.position))),
+            "inward_normals" => nodes.iter().try_for_each(|n| put(bytes_of(&n.inward))),
+            "node_weights" => nodes.iter().try_for_each(|n| put(bytes_of(&n.weights))),
+            "depth_knots_m" => put(cast_slice(self.responses.depth_knots().values())),
+            "lateral_knots_m" => put(cast_slice(self.responses.lateral_knots().values())),
+            "normal_curves_n" => curves.iter().try_for_each(|r| put(cast_slice(r.normal.ordinates()))),
+            "friction_curves" => curves.iter().try_for_each(|r| put(cast_slice(r.friction.ordinates()))),
+            "lateral_curves_n" => curves.iter().try_for_each(|r| put(cast_slice(r.lateral.ordinates()))),
+            "vertices" => put(cast_slice(&self.vertices)),
+            "node_test_points" => nodes.iter().try_for_each(|n| put(bytes_of(&n.test_points))),
+            "triangles" => elements.iter().try_for_each(|e| put(bytes_of(&e.nodes))),
+            "twins" => elements.iter().try_for_each(|e| put(bytes_of(&e.twins))),
+            "test_point_nodes" => put(cast_slice(&self.test_point_nodes)),
+            other => Err(io::Error::other(format!("no tensor is called {other}"))),
+        }
+    }
+}
+
+/// A parsed header, whose tensors have the dtypes and shapes of [`layout`] and lie within the data.
+struct File<'a> {
+    header: Metadata,
+    data: &'a [u8],
+}
+
+impl<'a> File<'a> {
+    fn parse(bytes: &'a [u8]) -> Result<Self> {
+        let broken =
+            |problem: String| BodyError::invalid("header", problem, "this is no body file, or a damaged one");
+        let (length, rest) =
+            bytes.split_first_chunk().ok_or_else(|| broken("the file is too short".into()))?;
+        let length = u64::from_le_bytes(*length);
+        if length > rest.len().min(MAX_HEADER) as u64 {
+            return Err(broken(format!("its length is {length} bytes, in a file of {} bytes", bytes.len())));
+        }
+        let (header, data) = rest.split_at(length as usize);
+        // Parsing also checks that tensors follow each other without gaps and that each has its shape's length.
+        let header: Metadata = serde_json::from_slice(header).map_err(|e| broken(e.to_string()))?;
+        let file = File { header, data };
+
+        // Whose file it is comes first: the rest means something only then.
+        let schema = file.metadata("schema")?;
+        if schema != SCHEMA {
+            let problem = format!("it is `{schema}`, where `{SCHEMA}` belongs");
+            return Err(BodyError::invalid("metadata `schema`", problem, "this is no body file"));
+        }
+        let version = file.metadata("version")?;
+        match version.parse::<u32>() {
+            Ok(VERSION) => {}
+            Ok(newer) if newer > VERSION => {
+                let problem = format!("the file has version {newer}, this program reads up to {VERSION}");
+                return Err(BodyError::invalid(
+                    "metadata `version`",
+                    problem,
+                    "a newer palpate made it: update",
+                ));
+            }
+            _ => {
+                let problem = format!("`{version}` is no version");
+                return Err(BodyError::invalid("metadata `version`", problem, "make the body again"));
+            }
+        }
+        let units = file.metadata("units")?;
+        if units != UNITS {
+            let problem = format!("they are `{units}`, where `{UNITS}` belongs");
+            return Err(BodyError::invalid("metadata `units`", problem, "make the body again"));
+        }
+        if file.header.data_len() != data.len() {
+            let problem =
+                format!("the tensors have {} bytes, the file {}", file.header.data_len(), data.len());
+            return Err(BodyError::invalid(
+                "tensors",
+                problem,
+                "the file is incomplete: copy or make it again",
+            ));
+        }
+        file.check_layout()?;
+        Ok(file)
+    }
+
+    fn check_layout(&self) -> Result<()> {
+        let count = |name| self.header.info(name).and_then(|t| t.shape.first().copied()).unwrap_or(0);
+        let layout = layout(&Sizes {
+            nodes: count("positions"),
+            elements: count("triangles"),
+            test_points: count("test_point_nodes"),
+            depth_knots: count("depth_knots_m"),
+            lateral_knots: count("lateral_knots_m"),
+        });
+        for (name, dtype, shape) in &layout {
+            let problem = match self.header.info(name) {
+                Some(t) if t.dtype == *dtype && t.shape == *shape => continue,
+                Some(t) => format!("it is {} {:?}, where {dtype} {shape:?} belongs", t.dtype, t.shape),
+                None => "it is missing".into(),
+            };
+            return Err(BodyError::invalid(tensor(name), problem, "make the body again"));
+        }
+        match self.header.offset_keys().iter().find(|key| !layout.iter().any(|(name, ..)| name == key)) {
+            None => Ok(()),
+            Some(unknown) => {
+                let problem = format!("version {VERSION} has no such tensor");
+                Err(BodyError::invalid(tensor(unknown), problem, "remove it, or make the body again"))
+            }
+        }
+    }
+
+    fn metadata(&self, key: &str) -> Result<&str> {
+        let text = self.header.metadata().as_ref().and_then(|m| m.get(key));
+        text.map(String::as_str).ok_or_else(|| {
+            BodyError::invalid(
+                format!("metadata `{key}`"),
+                "it is missing",
+                "this is no body file, or a damaged one",
+            )
+        })
+    }
+
+    fn json<'t, T: DeserializeOwned>(
+        &'t self,
+        key: &str,
+        read: impl Fn(&'t str) -> serde_json::Result<T>,
+    ) -> Result<T> {
+        read(self.metadata(key)?).map_err(|e| {
+            BodyError::invalid(format!("metadata `{key}`"), e.to_string(), "make the body again")
+        })
+    }
+
+    fn tool(&self) -> Result<Tool> {
+        let (tool, text) = (self.json("tool", serde_json::from_str::<Tool>)?, self.metadata("tool")?);
+        // A JSON number of 17 digits may be read one unit in the last place off: of the neighbours, the right one is
+        // the one that is written as it was.
+        let near = [tool.radius_m, tool.radius_m.next_down(), tool.radius_m.next_up()];
+        let mut near = near.into_iter().map(|radius_m| Tool { radius_m, ..tool.clone() });
+        let same = near.find(|t| serde_json::to_string(t).is_ok_and(|written| written == text));
+        Ok(same.unwrap_or(tool))
+    }
+
+    /// The bytes of a tensor of [`layout`], at any alignment.
+    fn bytes(&self, name: &str) -> &'a [u8] {
+        let (start, end) = self.header.info(name).map_or((0, 0), |t| t.data_offsets);
+        self.data.get(start..end).unwrap_or(&[])
+    }
+
+    fn rows<T: Pod>(&self, name: &str) -> impl Iterator<Item = T> + use<'a, T> {
+        self.bytes(name).chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned)
+    }
+
+    fn curves(&self, name: &str, knots_name: &str, extension: Extension) -> Result<Vec<Curve>> {
+        let knots: Vec<f64> = pod_collect_to_vec(self.bytes(knots_name));
+        check_knots(&knots).map_err(|e| within(tensor(knots_name), e))?;
+        let ordinates: Vec<[f64; 4]> = pod_collect_to_vec(self.bytes(name));
+        let curve = |(t, ordinates)| {
+            Curve::from_ordinates(&knots, ordinates, extension)
+                .map_err(|e| within(format!("{}, test point {t}", tensor(name)), e))
+        };
+        ordinates.chunks_exact(knots.len() - 1).enumerate().map(curve).collect()
+    }
+}
+
+fn tensor(name: &str) -> String {
+    format!("tensor `{name}`")
+}
+
+/// The same error with a wider place before its own.
+fn within(wider: String, error: BodyError) -> BodyError {
+    match error {
+        BodyError::Invalid { file, place, problem, mend } => {
+            BodyError::Invalid { file, place: format!("{wider}, {place}"), problem, mend }
+        }
+        other => other,
+    }
+}
+
+/// Locks `bytes` into RAM.
+///
+/// # Errors
+/// The operating system's limit on locked memory is too low.
+pub(crate) fn lock(bytes: &[u8]) -> io::Result<()> {
+    if bytes.is_empty() {
+        return Ok(());
+    }
+    // SAFETY: the range is that of a live slice, and locking changes neither its contents nor its validity: once the
+    // slice is freed, its pages may stay in RAM, no more.
+    #[cfg(unix)]
+    #[allow(unsafe_code, reason = "locking memory is a call to the operating system")]
+    unsafe {
+        rustix::mm::mlock(bytes.as_ptr().cast_mut().cast(), bytes.len())?;
+    }
     Ok(())
 }

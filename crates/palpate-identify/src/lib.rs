@@ -1,1 +1,32 @@
-//! identify
+//! Samples of force against deflection become a body's responses.
+//!
+//! [`read_samples`] reads measured rows (CSV), [`fit`] makes one curve of each kind for every point and places the
+//! points on a surface, and [`spread`] gives every other node a mix of the test points around it. Together with the
+//! surface they are what [`palpate_body::Body::new`] asks for.
+//!
+//! Curves pass through every sample: what is noisy must be smoothed first.
+//!
+//! ```no_run
+//! use palpate_body::{Body, BodyParts, Provenance, SlipRule, Surface, Tool};
+//! use palpate_identify::{Fit, FitOptions, fit, read_samples};
+//!
+//! # fn surface() -> Surface { unimplemented!() }
+//! let surface: Surface = surface();
+//! let samples = read_samples("liver.csv".as_ref())?;
+//! let Fit { mixes, responses, test_point_nodes, report } = fit(&surface, &samples, &FitOptions::default())?;
+//! println!("the points lie within {} m of their nodes", report.largest_distance_m);
+//! let (tool, slip, provenance) = (Tool::point(), SlipRule::Paper, Provenance::default());
+//! let body = Body::new(BodyParts { surface, mixes, responses, test_point_nodes, tool, slip, provenance })?;
+//! body.save("liver.body".as_ref())?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod error;
+mod fit;
+mod samples;
+mod spread;
+
+pub use error::FitError;
+pub use fit::{Fit, FitOptions, FitReport, PointReport, fit};
+pub use samples::{Component, Sample, read_samples};
+pub use spread::spread;

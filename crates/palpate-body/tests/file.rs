@@ -1,0 +1,391 @@
+//! The body file: what is written is read back, and nothing else gets in.
+
+#![allow(unsafe_code, reason = "an allocator that measures is an unsafe trait")]
+
+use glam::DVec3;
+use palpate_body::{
+    Body, BodyParts, Curve, Extension, Interpolation, NodeMix, Provenance, Response, SlipRule, Surface, Tool,
+    TriangleMesh,
+};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::path::Path;
+
+/// Remembers the largest block that this thread ever asked for.
+struct Measuring;
+
+thread_local! {
+    static LARGEST: Cell<usize> = const { Cell::new(0) };
+}
+
+// SAFETY: every call goes to the system's allocator as it came.
+unsafe impl GlobalAlloc for Measuring {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        LARGEST.set(LARGEST.get().max(layout.size()));
+        // SAFETY: the caller's promises are passed on.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promises are passed on.
+        unsafe { System.dealloc(at, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Measuring = Measuring;
+
+fn cube() -> TriangleMesh {
+    let positions =
+        (0..8).map(|i| DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2) as f64) * 0.04).collect();
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles = quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect();
+    TriangleMesh { positions, triangles }
+}
+
+/// An open plane of `across` × `along` squares of 1 mm.
+fn plane(across: u32, along: u32) -> TriangleMesh {
+    let at = |i: u32, j: u32| i + (across + 1) * j;
+    let positions =
+        (0..=along).flat_map(|j| (0..=across).map(move |i| DVec3::new(i as f64, j as f64, 0.0) * 1e-3));
+    let squares = (0..along).flat_map(|j| (0..across).map(move |i| (i, j)));
+    let triangles = squares
+        .flat_map(|(i, j)| {
+            [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]]
+        })
+        .collect();
+    TriangleMesh { positions: positions.collect(), triangles }
+}
+
+fn response(k: f64) -> Response {
+    let knots = [0.0, 1e-3, 3e-3, 8e-3];
+    let through =
+        |values: [f64; 4], extension| Curve::through(&knots, &values, Interpolation::Pchip, extension);
+    Response {
+        normal: through(knots.map(|d| 100.0 * k * d * d), Extension::Linear).unwrap(),
+        friction: through([0.1, 0.3, 0.2, 0.25], Extension::Constant).unwrap(),
+        lateral: Curve::through(
+            &[0.0, 2e-3, 5e-3],
+            &[0.0, 2e-3 * k, 4e-3 * k],
+            Interpolation::Linear,
+            Extension::Linear,
+        )
+        .unwrap(),
+    }
+}
+
+fn body(mesh: &TriangleMesh, crease_angle: f64, points: u32) -> Body {
+    let surface = Surface::build(mesh, crease_angle).unwrap();
+    let nodes = surface.positions().len() as u32;
+    let mix =
+        |n: u32| NodeMix { test_points: [n % points, (n + 1) % points, 0], weights: [0.7, 0.1 + 0.2, 0.0] };
+    Body::new(BodyParts {
+        mixes: (0..nodes).map(mix).collect(),
+        surface,
+        responses: (0..points).map(|t| response(300.0 + 70.0 * t as f64)).collect(),
+        test_point_nodes: (0..points).collect(),
+        tool: Tool::sphere(0.01 / 3.0),
+        slip: SlipRule::Paper,
+        provenance: Provenance {
+            command: "palpate fit --mesh \"a b.stl\"".into(),
+            software: "palpate 0.1.0".into(),
+            spec: Some("[body]\nunit = \"mm\" # ½\n".into()),
+            inputs: [("a b.stl".to_string(), "00ff".to_string()), ("x.csv".to_string(), "17".to_string())]
+                .into(),
+            notes: vec!["nothing was repaired".into()],
+        },
+    })
+    .unwrap()
+}
+
+fn bodies() -> [Body; 3] {
+    [body(&cube(), 0.5, 4), body(&cube(), f64::INFINITY, 1), body(&plane(4, 2), 0.5, 15)]
+}
+
+#[test]
+fn what_is_written_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    for (i, body) in bodies().into_iter().enumerate() {
+        let bytes = body.to_bytes().unwrap();
+        assert_eq!(bytes, body.clone().to_bytes().unwrap(), "the same body has the same bytes");
+        assert_eq!(Body::from_bytes(&bytes).unwrap(), body);
+
+        let path = folder.path().join(format!("{i}.body"));
+        body.save(&path).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), bytes);
+        let read = Body::open(&path).unwrap();
+        assert_eq!(read, body);
+        assert_eq!(read.to_bytes().unwrap(), bytes);
+        assert_eq!(read.tool().radius_m.to_bits(), body.tool().radius_m.to_bits());
+    }
+}
+
+#[test]
+fn the_radius_survives_to_the_last_bit() {
+    let mut random = Random(3);
+    for _ in 0..2000 {
+        let radius = (random.next() >> 11) as f64 / (1u64 << 53) as f64 * 0.05;
+        let surface = Surface::build(&cube(), 0.5).unwrap();
+        let body = Body::new(BodyParts {
+            mixes: vec![NodeMix::own(0); surface.positions().len()],
+            surface,
+            responses: vec![response(500.0)],
+            test_point_nodes: vec![0],
+            tool: Tool::sphere(radius),
+            slip: SlipRule::Paper,
+            provenance: Provenance::default(),
+        })
+        .unwrap();
+        let read = Body::from_bytes(&body.to_bytes().unwrap()).unwrap();
+        assert_eq!(read.tool().radius_m.to_bits(), radius.to_bits());
+    }
+}
+
+#[test]
+fn alignment_does_not_matter() {
+    let body = body(&cube(), 0.5, 4);
+    let bytes = body.to_bytes().unwrap();
+    for shift in 0..8 {
+        let moved: Vec<u8> = std::iter::repeat_n(0, shift).chain(bytes.iter().copied()).collect();
+        assert_eq!(Body::from_bytes(&moved[shift..]).unwrap(), body);
+    }
+}
+
+#[test]
+fn a_failed_save_leaves_the_old_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let [first, second, _] = bodies();
+    let path = folder.path().join("x.body");
+    first.save(&path).unwrap();
+
+    // A folder can't be replaced by a file, nor a file be made in a folder that is not there.
+    let taken = folder.path().join("taken");
+    std::fs::create_dir_all(taken.join("inner")).unwrap();
+    let message = second.save(&taken).unwrap_err().to_string();
+    assert!(message.contains("taken") && message.contains("check that"), "{message}");
+    assert!(taken.join("inner").is_dir());
+    second.save(&folder.path().join("missing/x.body")).unwrap_err();
+
+    // A provenance that no header can hold is found before anything is touched.
+    let surface = Surface::build(&cube(), 0.5).unwrap();
+    let wordy = Body::new(BodyParts {
+        mixes: vec![NodeMix::own(0); surface.positions().len()],
+        surface,
+        responses: vec![response(500.0)],
+        test_point_nodes: vec![0],
+        tool: Tool::point(),
+        slip: SlipRule::Paper,
+        provenance: Provenance { spec: Some("x".repeat(5 << 20)), ..Default::default() },
+    });
+    let message = wordy.unwrap().save(&path).unwrap_err().to_string();
+    assert!(message.contains("x.body: metadata `provenance`") && message.contains("shorten"), "{message}");
+
+    assert_eq!(Body::open(&path).unwrap(), first);
+    let mut left: Vec<_> =
+        std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+    left.sort();
+    assert_eq!(left, ["taken", "x.body"], "no temporary file stays behind");
+
+    second.save(&path).unwrap();
+    assert_eq!(Body::open(&path).unwrap(), second);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_saved_file_has_ordinary_permissions() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    let (path, plain) = (folder.path().join("x.body"), folder.path().join("plain"));
+    body(&cube(), 0.5, 4).save(&path).unwrap();
+    std::fs::write(&plain, "").unwrap();
+    let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode();
+    assert_eq!(mode(&path), mode(&plain));
+}
+
+/// `bytes` with `from` in the header replaced by `to`, which may be longer.
+fn with_header(bytes: &[u8], from: &str, to: &str) -> Vec<u8> {
+    let length = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+    let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
+    assert!(header.contains(from), "{from} in {header}");
+    let header = header.replacen(from, to, 1);
+    [&(header.len() as u64).to_le_bytes(), header.as_bytes(), &bytes[8 + length..]].concat()
+}
+
+#[test]
+fn messages_name_the_place_and_the_mend() {
+    let bytes = body(&cube(), 0.5, 4).to_bytes().unwrap();
+    let refused = |bytes: &[u8], words: &[&str]| {
+        let message = Body::from_bytes(bytes).unwrap_err().to_string();
+        assert!(words.iter().all(|w| message.contains(w)), "{message}");
+        assert!(!message.contains('\n'), "{message}");
+    };
+    let changed = |from: &str, to: &str, words: &[&str]| refused(&with_header(&bytes, from, to), words);
+
+    refused(b"", &["header", "too short"]);
+    refused(b"solid cube\nfacet normal 0 0 1\n", &["header", "no body file"]);
+    refused(&bytes[..bytes.len() - 1], &["tensors", "incomplete"]);
+    refused(&[&bytes[..], &[0]].concat(), &["tensors", "incomplete"]);
+    changed("\"palpate-body\"", "\"llama\"", &["metadata `schema`", "`llama`", "no body file"]);
+    changed("\"version\":\"1\"", "\"version\":\"2\"", &["metadata `version`", "newer palpate", "update"]);
+    changed("\"version\":\"1\"", "\"version\":\"-1\"", &["metadata `version`", "`-1`"]);
+    changed("\"version\":\"1\"", "\"edition\":\"1\"", &["metadata `version`", "missing"]);
+    changed("SI: m, N, J", "mm, N", &["metadata `units`", "mm"]);
+    changed("\"slip\":\"paper\"", "\"slip\":\"ice\"", &["metadata `slip`", "ice"]);
+    changed("radius_m", "radius_mm", &["metadata `tool`", "radius_mm"]);
+    changed("\"positions\"", "\"position\"", &["tensor `positions`", "missing"]);
+    changed("U32", "I32", &["I32", "U32", "make the body again"]);
+    changed(
+        "\"twins\":{\"dtype\":\"U32\",\"shape\":[12,3]",
+        "\"twins\":{\"dtype\":\"U32\",\"shape\":[9,4]",
+        &["tensor `twins`", "[9, 4]", "[12, 3]"],
+    );
+    let more = "\"twins\":{\"dtype\":\"F64\",\"shape\":[0,7],\"data_offsets\":[0,0]},\"tw";
+    changed(
+        "\"tw",
+        &more.replace("twins", "torque_curves_nm"),
+        &["tensor `torque_curves_nm`", "no such tensor"],
+    );
+    // Offsets whose sum passes 2⁶⁴.
+    let wide = "\"a\":{\"dtype\":\"U8\",\"shape\":[18446744073709551615],\"data_offsets\":[0,18446744073709551615]},\"de";
+    changed("\"de", wide, &["header"]);
+
+    let numbers = |name: &str, at: usize, value: f64, words: &[&str]| {
+        let length = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+        let header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
+        let start = 8 + length + header[name]["data_offsets"][0].as_u64().unwrap() as usize + 8 * at;
+        let mut bytes = bytes.clone();
+        bytes[start..start + 8].copy_from_slice(&value.to_le_bytes());
+        refused(&bytes, words);
+    };
+    numbers("positions", 4, f64::NAN, &["node 1"]);
+    numbers("inward_normals", 0, 3.0, &["normal 0", "unit vector"]);
+    numbers("node_weights", 3, -0.1, &["node 1", "weights"]);
+    numbers("depth_knots_m", 2, 1e-4, &["tensor `depth_knots_m`, deflection 2", "ascending"]);
+    numbers("normal_curves_n", 15, 7.0, &["tensor `normal_curves_n`, test point 1, ", "jumps"]);
+    numbers("friction_curves", 13, -1.0, &["test point 1", "friction"]);
+    numbers("lateral_curves_n", 5, f64::INFINITY, &["tensor `lateral_curves_n`, test point 0"]);
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.body");
+    std::fs::write(&path, &bytes[..100]).unwrap();
+    let message = Body::open(&path).unwrap_err().to_string();
+    assert!(message.contains("x.body: header"), "{message}");
+    std::fs::write(&path, "").unwrap();
+    Body::open(&path).unwrap_err();
+    let message = Body::open(folder.path()).unwrap_err().to_string();
+    assert!(message.contains("no ordinary file"), "{message}");
+    let message = Body::open(&folder.path().join("none")).unwrap_err().to_string();
+    assert!(message.contains("none") && message.contains("check that"), "{message}");
+}
+
+/// xorshift64*
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        self.0.wrapping_mul(0x2545_F491_4F6C_DD1D)
+    }
+
+    fn below(&mut self, n: usize) -> usize {
+        (self.next() % n as u64) as usize
+    }
+}
+
+fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
+    let header = u64::from_le_bytes(bytes[..8].try_into().unwrap_or([0; 8])) as usize;
+    let header = header.min(bytes.len() - 8).max(1);
+    match random.below(8) {
+        0 => {
+            let at = random.below(bytes.len());
+            bytes[at] ^= 1 << random.below(8);
+        }
+        1 => bytes.truncate(8 + random.below(bytes.len() - 8)),
+        // A digit more in the header, with the length that goes with it: shapes, offsets, radius.
+        2 | 3 => {
+            let digits: Vec<usize> =
+                (8..8 + header).filter(|&i| bytes.get(i).is_some_and(u8::is_ascii_digit)).collect();
+            if digits.is_empty() {
+                return;
+            }
+            let at = digits[random.below(digits.len())];
+            let digit = b'0' + random.below(10) as u8;
+            if random.below(2) == 0 {
+                bytes[at] = digit;
+            } else {
+                bytes.insert(at, digit);
+                bytes[..8].copy_from_slice(&(header as u64 + 1).to_le_bytes());
+            }
+        }
+        4 | 5 => {
+            let length = 1 + random.below(64.min(bytes.len() / 3));
+            let (from, to) = (random.below(bytes.len() - length), random.below(bytes.len() - length));
+            let block = bytes[from..from + length].to_vec();
+            if random.below(2) == 0 {
+                let other = bytes[to..to + length].to_vec();
+                bytes[from..from + length].copy_from_slice(&other);
+            }
+            bytes[to..to + length].copy_from_slice(&block);
+        }
+        6 => {
+            let at = 8 + header + 8 * random.below((bytes.len() - 8 - header).max(8) / 8);
+            let values = [f64::NAN, f64::INFINITY, -1.0, 0.0, 1e300, 1e-300, -1e12, 1e9, 0.5, 1e-12];
+            if let Some(number) = bytes.get_mut(at..at + 8) {
+                number.copy_from_slice(&values[random.below(values.len())].to_le_bytes());
+            }
+        }
+        _ => {
+            let at = 8 + header + 4 * random.below((bytes.len() - 8 - header).max(4) / 4);
+            let values = [u32::MAX, u32::MAX - 1, 0, 1, 35, 36, 1 << 31, random.next() as u32 % 40];
+            if let Some(number) = bytes.get_mut(at..at + 4) {
+                number.copy_from_slice(&values[random.below(values.len())].to_le_bytes());
+            }
+        }
+    }
+}
+
+#[test]
+fn no_damage_gets_in() {
+    let originals = bodies().map(|b| b.to_bytes().unwrap());
+    let mut random = Random(0x9E37_79B9_7F4A_7C15);
+    let mut accepted = 0;
+    for round in 0..100_000 {
+        let mut bytes = originals[round % 3].clone();
+        for _ in 0..1 + random.below(3) {
+            if bytes.len() > 64 {
+                mutate(&mut bytes, &mut random);
+            }
+        }
+        if let Ok(body) = Body::from_bytes(&bytes) {
+            accepted += 1;
+            let written = body.to_bytes().unwrap();
+            assert_eq!(Body::from_bytes(&written).unwrap(), body, "round {round}");
+        }
+    }
+    println!("{accepted} of 100,000 damaged files were sound, the largest block had {} bytes", LARGEST.get());
+    assert!(accepted < 30_000, "{accepted} of 100,000 damaged files were taken for sound");
+    assert!(LARGEST.get() < 1 << 20, "a damaged file made the reader ask for too much memory");
+}
+
+/// Run with `--ignored --nocapture`: time and memory of a large body.
+#[test]
+#[ignore = "takes gigabytes"]
+fn five_million_elements() {
+    let body = body(&plane(1582, 1582), 0.5, 1000);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("large.body");
+    let clock = std::time::Instant::now();
+    body.save(&path).unwrap();
+    println!("{} elements saved in {:?}", body.elements().len(), clock.elapsed());
+    drop(body);
+    let resident = |key: &str| {
+        let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+        status.lines().find(|l| l.starts_with(key)).map(str::to_owned)
+    };
+    std::fs::write("/proc/self/clear_refs", "5").ok();
+    let clock = std::time::Instant::now();
+    let read = Body::open(&path).unwrap();
+    println!("opened in {:?}, {:?}, {:?}", clock.elapsed(), resident("VmHWM"), resident("VmRSS"));
+    assert_eq!(read.curves().len(), 1000);
+}
