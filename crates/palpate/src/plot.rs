@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result, anyhow, bail};
 use plotters::prelude::*;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Once;
 
@@ -112,7 +113,7 @@ fn draw(panel: &Panel, chart: &LineChart) -> Result<()> {
     if chart.lines.iter().any(|l| !l.name.is_empty()) {
         context
             .configure_series_labels()
-            .position(SeriesLabelPosition::UpperLeft)
+            .position(legend_corner(chart, &x, &y))
             .background_style(WHITE.mix(0.85))
             .border_style(BLACK.mix(0.3))
             .label_font(("sans-serif", 17))
@@ -122,7 +123,7 @@ fn draw(panel: &Panel, chart: &LineChart) -> Result<()> {
 }
 
 /// The ranges of x and y, with some air above and below.
-fn ranges(chart: &LineChart) -> Option<[std::ops::Range<f64>; 2]> {
+fn ranges(chart: &LineChart) -> Option<[Range<f64>; 2]> {
     let mut low = [f64::INFINITY; 2];
     let mut high = [f64::NEG_INFINITY; 2];
     let points = chart.lines.iter().flat_map(|l| &l.points).filter(|p| p.0.is_finite() && p.1.is_finite());
@@ -142,6 +143,13 @@ fn ranges(chart: &LineChart) -> Option<[std::ops::Range<f64>; 2]> {
     let air = 0.05 * spread(1);
     let bottom = if chart.from_zero && low[1] == 0.0 { 0.0 } else { low[1] - air };
     Some([low[0]..low[0] + spread(0), bottom..low[1] + spread(1) + air])
+}
+
+/// The upper left corner, unless a line runs there.
+fn legend_corner(chart: &LineChart, x: &Range<f64>, y: &Range<f64>) -> SeriesLabelPosition {
+    let (right, bottom) = (x.start + 0.3 * (x.end - x.start), y.start + 0.5 * (y.end - y.start));
+    let taken = chart.lines.iter().flat_map(|l| &l.points).any(|p| p.0 < right && p.1 > bottom);
+    if taken { SeriesLabelPosition::LowerRight } else { SeriesLabelPosition::UpperLeft }
 }
 
 /// A tick's number with as many decimals as an axis of this extent needs.

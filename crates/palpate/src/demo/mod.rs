@@ -64,6 +64,7 @@ fn write(
         setting.sound_peak_n_per_s = loudness.peak;
         report.sound.cut_samples += loudness.cut;
     }
+    body.save(&into.join("cylinder.body"))?;
     save_path(&into.join("path.csv"), coarse.hz)?;
     report.seconds = started.elapsed().as_secs_f64();
     std::fs::write(into.join("report.json"), serde_json::to_string_pretty(report)? + "\n")?;
