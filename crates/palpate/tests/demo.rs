@@ -3,6 +3,7 @@
 use palpate::demo::experiment::{SETTINGS, roll_out};
 use palpate::demo::report::Report;
 use palpate::demo::{cylinder, path, run};
+use palpate::{Body, Contact};
 use std::path::Path;
 
 #[test]
@@ -23,6 +24,8 @@ fn the_demo_passes_and_writes_everything() {
     assert!(csv.starts_with("time_s,x_m,y_m,z_m\n"));
     assert_eq!(csv.lines().count(), 4702);
 
+    going_on(&out, &report);
+
     // Again, into the same folder: the same files.
     let before = files(&out);
     run(&out).unwrap();
@@ -42,6 +45,19 @@ fn bars(report: &Report) {
         assert!(setting.stored_j == 0.0 && setting.onsets == 1 && setting.capped == 0);
     }
     assert_eq!((report.body.triangles, report.body.nodes), (528, 288));
+}
+
+/// The body and path that are written give the experiment again, to the bit.
+fn going_on(out: &Path, report: &Report) {
+    let body = Body::open(&out.join("cylinder.body")).unwrap();
+    let waypoints = palpate::path::read(&out.join("path.csv")).unwrap();
+    for (setting, (_, ablation)) in report.settings.iter().zip(SETTINGS) {
+        let mut contact = Contact::with_ablation(&body, ablation);
+        for waypoint in &waypoints {
+            contact.step(&body, &waypoint.pose);
+        }
+        assert_eq!(contact.energy().work_j, setting.work_j, "{}", setting.name);
+    }
 }
 
 fn json(out: &Path) {

@@ -29,7 +29,7 @@ pub struct Loudness {
 /// around, which changes of the normal force and of the frame both show in.
 ///
 /// # Errors
-/// A file that can't be written.
+/// No samples, or a file that can't be written.
 pub fn save(path: &Path, rate: &Rate, rollout: &Rollout) -> Result<Loudness> {
     let heard: Vec<f64> = rollout
         .samples
@@ -40,6 +40,7 @@ pub fn save(path: &Path, rate: &Rate, rollout: &Rollout) -> Result<Loudness> {
             DVec3::from_array(o.force_n).dot(out + around) * std::f64::consts::FRAC_1_SQRT_2
         })
         .collect();
+    anyhow::ensure!(!heard.is_empty(), "there is no sample to hear");
     let force = |t: f64| {
         let x = (t * rate.hz).clamp(0.0, (heard.len() - 1) as f64);
         let i = x as usize;
