@@ -12,7 +12,20 @@
 //! # Ok::<(), palpate::BodyError>(())
 //! ```
 
+pub mod bench;
 pub mod commands;
+pub mod console;
+pub mod csv_table;
+pub mod demo;
+pub mod files;
+pub mod inspect;
+pub mod law;
+pub mod path;
+pub mod plot;
+pub mod spec;
+pub mod tables;
+pub mod trace;
+pub mod vtu;
 
 pub use palpate_body::{Body, BodyError};
 pub use palpate_engine::{Ablation, Contact, Output, ToolPose};

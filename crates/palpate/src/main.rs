@@ -35,11 +35,11 @@ fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure::Input(error)) => {
-            eprintln!("palpate: {error:#}");
+            palpate::console::complain(&palpate::console::message(&error));
             ExitCode::from(1)
         }
         Err(Failure::Check(message)) => {
-            eprintln!("palpate: {message}");
+            palpate::console::complain(&message);
             ExitCode::from(3)
         }
     }

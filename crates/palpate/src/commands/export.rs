@@ -1,15 +1,49 @@
 //! `palpate export`.
 
 use super::Failure;
+use crate::{console, files, tables, vtu};
+use palpate_body::Body;
+use std::path::PathBuf;
 
-/// (to come)
+/// Write a body for ParaView or spreadsheets
+///
+/// --vtu gives an unstructured grid with, at each node, inward_normal, stiffness 1 mm deep and at full depth and
+/// lateral stiffness (N/m), the largest normal force (N), friction at depth 0, and the test points it mixes with
+/// their weights. --csv gives nodes.csv, elements.csv and curves.csv; the last one holds the curves as samples, which
+/// `palpate fit` reads.
 #[derive(Debug, clap::Args)]
-pub struct Args {}
+#[command(after_help = "Examples:\n  palpate export liver.body --vtu liver.vtu\n  \
+                        palpate export liver.body --csv tables\n\n\
+                        Exit status: 0 done, 1 wrong input, 2 wrong usage.")]
+#[command(group = clap::ArgGroup::new("format").args(["vtu", "csv"]).required(true).multiple(true))]
+pub struct Args {
+    /// Body file
+    body: PathBuf,
+    /// VTK file to write
+    #[arg(long, value_name = "FILE")]
+    vtu: Option<PathBuf>,
+    /// Folder to write tables into
+    #[arg(long, value_name = "DIR")]
+    csv: Option<PathBuf>,
+}
 
 /// Runs the command.
 ///
 /// # Errors
 /// See [`Failure`].
-pub fn run(_: &Args) -> Result<(), Failure> {
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let body = Body::open(&args.body)?;
+    if let Some(path) = &args.vtu {
+        files::refuse_overwrite(path, &[&args.body])?;
+        files::replace(path, |out| vtu::write(&body, out))?;
+        console::note(&format!("wrote {}", path.display()));
+    }
+    if let Some(folder) = &args.csv {
+        files::make_folder(folder)?;
+        files::replace(&folder.join("nodes.csv"), |out| tables::write_nodes(&body, out))?;
+        files::replace(&folder.join("elements.csv"), |out| tables::write_elements(&body, out))?;
+        files::replace(&folder.join("curves.csv"), |out| tables::write_curves(&body, out))?;
+        console::note(&format!("wrote nodes.csv, elements.csv and curves.csv into {}", folder.display()));
+    }
     Ok(())
 }

@@ -1,0 +1,103 @@
+//! The bodies that are timed.
+
+use crate::law::{Law, Variation};
+use crate::spec::{Deflection, Friction};
+use anyhow::Result;
+use glam::DVec3;
+use palpate_body::shape::{Resolution, Shape};
+use palpate_body::{Body, BodyParts, NodeMix, Provenance, SlipRule, Tool};
+
+/// m
+pub const RADIUS: f64 = 0.03;
+/// m
+pub const LENGTH: f64 = 0.1;
+/// The paper's mesh of about 500 patches: where the test points are.
+const AROUND: usize = 24;
+const ALONG: usize = 11;
+
+/// The paper's law at the mean.
+const LAW: Law =
+    Law { normal_n_per_m: 600.0, lateral_n_per_m: 500.0, variation: Variation { around: 0.5, along: 0.2 } };
+
+/// A tube of about this many triangles with the responses of the coarse one's 288 nodes: at 528 triangles every node
+/// is its own test point, elsewhere a node mixes the three of the coarse triangle that it lies in, in (θ, z).
+///
+/// # Errors
+/// So many triangles that a body can't have them.
+pub fn cylinder(triangles: usize) -> Result<Body> {
+    let scale = (triangles as f64 / (2 * AROUND * ALONG) as f64).sqrt();
+    let around = (AROUND as f64 * scale).round().max(3.0) as usize;
+    let along = (triangles as f64 / (2 * around) as f64).round().max(1.0) as usize;
+    let shape = Shape::Cylinder { radius_mm: RADIUS * 1e3, length_mm: LENGTH * 1e3, caps: false };
+    let grid = |around: usize, along: usize| Resolution {
+        edge_length_mm: None,
+        around: Some(around as u32),
+        along: Some(along as u32),
+    };
+    let coarse = shape.mesh(grid(AROUND, ALONG))?;
+    let deflection = Deflection { normal_max_m: 8e-3, lateral_max_m: 8e-3, steps: 8 };
+    let responses = LAW.responses(&coarse.positions, &Friction::Constant(0.3), deflection)?;
+    let surface = shape.surface(grid(around, along))?;
+    let radial = surface.positions().iter().map(|p| -DVec3::new(p.x, p.y, 0.0).normalize_or_zero()).collect();
+    let surface = surface.with_inward_normals(radial)?;
+    let mixes = (0..=along).flat_map(|row| (0..around).map(move |column| (row, column)));
+    let mixes = mixes.map(|(row, column)| {
+        mix(column as f64 / around as f64 * AROUND as f64, row as f64 / along as f64 * ALONG as f64)
+    });
+    let test_point_nodes = (0..=ALONG).flat_map(|row| (0..AROUND).map(move |column| (row, column)));
+    let nearest = |i: usize, of: usize, to: usize| (i * to + of / 2) / of;
+    let test_point_nodes = test_point_nodes.map(|(row, column)| {
+        (nearest(row, ALONG, along) * around + nearest(column, AROUND, around) % around) as u32
+    });
+    Ok(Body::new(BodyParts {
+        mixes: mixes.collect(),
+        test_point_nodes: test_point_nodes.collect(),
+        surface,
+        responses,
+        tool: Tool::point(),
+        slip: SlipRule::Paper,
+        provenance: Provenance::default(),
+    })?)
+}
+
+/// The mix at (u, v) in cells of the coarse grid: area coordinates in the half of the cell's square that holds it.
+fn mix(u: f64, v: f64) -> NodeMix {
+    let (j, row) = ((u as usize).min(AROUND - 1), (v as usize).min(ALONG - 1));
+    let (u, v) = (u - j as f64, v - row as f64);
+    let node = |row: usize, column: usize| (row * AROUND + column % AROUND) as u32;
+    let (near, far) = (node(row, j), node(row + 1, j + 1));
+    let (test_points, weights) = if u >= v {
+        ([near, node(row, j + 1), far], [1.0 - u, u - v, v])
+    } else {
+        ([near, far, node(row + 1, j)], [1.0 - v, u, v - u])
+    };
+    // A node of the coarse grid itself is found to the last digit or so.
+    match weights.iter().position(|w| *w > 1.0 - 1e-12) {
+        Some(own) => NodeMix::own(test_points[own]),
+        None => NodeMix { test_points, weights },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn finer_meshes_have_the_same_responses() {
+        let coarse = cylinder(528).unwrap();
+        assert_eq!((coarse.elements().len(), coarse.nodes().len()), (528, 288));
+        assert!(coarse.nodes().iter().enumerate().all(|(i, n)| n.test_points == [i as u32; 3]));
+        let fine = cylinder(528 * 16).unwrap();
+        assert_eq!(fine.elements().len(), 528 * 16);
+        for (test_point, &node) in fine.test_point_nodes().iter().enumerate() {
+            let node = fine.nodes()[node as usize];
+            assert!((node.position - coarse.nodes()[test_point].position).length() < 1e-12);
+            assert_eq!(node.test_points, [test_point as u32; 3]);
+        }
+        for node in fine.nodes() {
+            assert!(node.weights.iter().all(|w| *w >= 0.0));
+            assert!((node.weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        }
+        assert!((3000..3600).contains(&cylinder(3300).unwrap().elements().len()));
+    }
+}

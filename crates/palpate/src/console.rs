@@ -1,0 +1,66 @@
+//! What goes to standard output and standard error. A reader that went away is no error.
+
+use serde::Serialize;
+use std::io::{ErrorKind, Write};
+
+/// Prints one JSON document on standard output.
+///
+/// # Errors
+/// Standard output can't be written, for another reason than that its reader is gone.
+pub fn json(document: &impl Serialize) -> anyhow::Result<()> {
+    text(&format!("{}\n", serde_json::to_string_pretty(document)?))
+}
+
+/// Prints text on standard output.
+///
+/// # Errors
+/// As [`json`].
+pub fn text(text: &str) -> anyhow::Result<()> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => {
+            Err(anyhow::Error::new(e).context("standard output can't be written; check where it goes to"))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Says something on standard error.
+pub fn note(message: &str) {
+    // Nowhere is left to complain to.
+    let _ = writeln!(std::io::stderr(), "palpate: {message}");
+}
+
+/// Says why the command failed, in one line.
+pub fn complain(message: &str) {
+    let lines = message.split(['\n', '\r']).map(str::trim).filter(|part| !part.is_empty());
+    note(&lines.collect::<Vec<_>>().join("; "));
+}
+
+/// An error with its causes, but for those that an outer message tells already.
+pub fn message(error: &anyhow::Error) -> String {
+    error.chain().map(ToString::to_string).fold(String::new(), |told, cause| match told.as_str() {
+        "" => cause,
+        _ if told.contains(&cause) => told,
+        _ => format!("{told}: {cause}"),
+    })
+}
+
+/// A table in columns: the first aligned left, the others right.
+pub fn table(rows: &[Vec<String>]) -> String {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let cell = |row: &[String], c: usize| row.get(c).cloned().unwrap_or_default();
+    let width = |c: usize| rows.iter().map(|r| cell(r, c).chars().count()).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..columns).map(width).collect();
+    let mut out = String::new();
+    for row in rows {
+        let mut line = String::new();
+        for (c, &w) in widths.iter().enumerate() {
+            let text = cell(row, c);
+            line += &if c == 0 { format!("{text:<w$}") } else { format!("  {text:>w$}") };
+        }
+        out += line.trim_end();
+        out.push('\n');
+    }
+    out
+}

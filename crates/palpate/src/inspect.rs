@@ -1,0 +1,212 @@
+//! What is in a body: sizes, ranges of its curves, and the stiffness that a device must be able to hold.
+
+use crate::plot::{Line, LineChart};
+use palpate_body::{Body, Curve, NO_TWIN, Provenance, Response, SlipRule};
+use serde::Serialize;
+
+/// What `palpate inspect --json` prints.
+#[derive(Debug, Clone, Serialize)]
+pub struct Inspection {
+    /// Nodes.
+    pub nodes: usize,
+    /// Distinct vertices: nodes less those that creases doubled.
+    pub vertices: usize,
+    /// Elements.
+    pub triangles: usize,
+    /// Edges with one triangle only.
+    pub border_edges: usize,
+    /// Test points.
+    pub test_points: usize,
+    /// Slip rule.
+    pub slip: SlipRule,
+    /// Tools that responses are held for.
+    pub tools: Vec<ToolEntry>,
+    /// Least and greatest coordinates, m.
+    pub bounding_box_m: [[f64; 3]; 2],
+    /// Deflections of the depth knots, m.
+    pub depth_knots_m: Vec<f64>,
+    /// Deflections of the lateral knots, m.
+    pub lateral_knots_m: Vec<f64>,
+    /// Over the test points.
+    pub ranges: Ranges,
+    /// Stiffness of the contact in stick.
+    pub stiffness_max_n_per_m: Vec<StiffnessAt>,
+    /// Where the body came from.
+    pub provenance: Provenance,
+}
+
+/// A tool.
+#[derive(Debug, Clone, Serialize)]
+pub struct ToolEntry {
+    /// Its name.
+    pub shape: String,
+    /// m; 0 for a tip without extent.
+    pub radius_m: f64,
+}
+
+/// Least and greatest of each over the test points.
+#[derive(Debug, Clone, Serialize)]
+pub struct Ranges {
+    /// Normal force at the last knot, N.
+    pub largest_normal_force_n: [f64; 2],
+    /// Lateral force at the last knot, N.
+    pub largest_lateral_force_n: [f64; 2],
+    /// Slope of the normal force at the last knot, N/m.
+    pub stiffness_at_full_depth_n_per_m: [f64; 2],
+    /// Slope of the lateral force at 0, N/m.
+    pub lateral_stiffness_n_per_m: [f64; 2],
+    /// Friction coefficient at any knot.
+    pub friction: [f64; 2],
+}
+
+/// K_max at a depth (MODEL 5): the greatest slope of any response up to there, f_z' or f_r'. Mixtures of responses
+/// stay below it, and so does f_r/δr.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct StiffnessAt {
+    /// δz, m.
+    pub depth_m: f64,
+    /// N/m.
+    pub value: f64,
+}
+
+/// Looks through a body.
+pub fn inspect(body: &Body) -> Inspection {
+    let start = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    let bounding_box_m = body.nodes().iter().fold(start, |[mut low, mut high], node| {
+        for (i, x) in node.position.to_array().into_iter().enumerate() {
+            low[i] = low[i].min(x);
+            high[i] = high[i].max(x);
+        }
+        [low, high]
+    });
+    let end = |c: &Curve| c.knots().last().copied().unwrap_or_default();
+    let range = |value: &dyn Fn(&Response) -> [f64; 2]| {
+        body.curves()
+            .iter()
+            .map(value)
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], [a, b]| [low.min(a), high.max(b)])
+    };
+    let one =
+        |value: fn(&Response, f64, f64) -> f64| range(&|r| [value(r, end(&r.normal), end(&r.lateral)); 2]);
+    let tool = body.tool();
+    Inspection {
+        nodes: body.nodes().len(),
+        vertices: body.vertex_count(),
+        triangles: body.elements().len(),
+        border_edges: body.elements().iter().flat_map(|e| e.twins).filter(|t| *t == NO_TWIN).count(),
+        test_points: body.curves().len(),
+        slip: body.slip(),
+        tools: vec![ToolEntry { shape: tool.shape.clone(), radius_m: tool.radius_m }],
+        bounding_box_m,
+        depth_knots_m: body.responses().depth_knots().values().to_vec(),
+        lateral_knots_m: body.responses().lateral_knots().values().to_vec(),
+        ranges: Ranges {
+            largest_normal_force_n: one(|r, depth, _| r.normal.value(depth)),
+            largest_lateral_force_n: one(|r, _, lateral| r.lateral.value(lateral)),
+            stiffness_at_full_depth_n_per_m: one(|r, depth, _| r.normal.slope(depth)),
+            lateral_stiffness_n_per_m: one(|r, _, _| r.lateral.slope(0.0)),
+            friction: range(&|r| {
+                let values = r.friction.knots().iter().map(|k| r.friction.value(*k));
+                values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
+            }),
+        },
+        stiffness_max_n_per_m: stiffness_max(body),
+        provenance: body.provenance().clone(),
+    }
+}
+
+/// K_max at each depth knot.
+pub fn stiffness_max(body: &Body) -> Vec<StiffnessAt> {
+    let lateral = body.curves().iter().flat_map(|r| greatest_slopes(&r.lateral)).fold(0.0, f64::max);
+    let depths = body.responses().depth_knots().values();
+    let mut greatest = vec![lateral; depths.len()];
+    for response in body.curves() {
+        for (so_far, slope) in greatest.iter_mut().zip(greatest_slopes(&response.normal)) {
+            *so_far = so_far.max(slope);
+        }
+    }
+    depths.iter().zip(greatest).map(|(&depth_m, value)| StiffnessAt { depth_m, value }).collect()
+}
+
+/// The greatest slope from 0 up to each knot, to its right included.
+fn greatest_slopes(curve: &Curve) -> Vec<f64> {
+    let mut so_far = f64::NEG_INFINITY;
+    let mut slopes = Vec::with_capacity(curve.knots().len());
+    for (b, k) in curve.ordinates().iter().zip(curve.knots().windows(2)) {
+        // The slope is the quadratic with Bernstein ordinates 3Δb/h: greatest at an end or its vertex.
+        let d = [b[1] - b[0], b[2] - b[1], b[3] - b[2]].map(|d| 3.0 * d / (k[1] - k[0]));
+        slopes.push(so_far.max(d[0]));
+        let bend = d[0] - 2.0 * d[1] + d[2];
+        let t = if bend < 0.0 { ((d[0] - d[1]) / bend).clamp(0.0, 1.0) } else { 0.0 };
+        let vertex = d[0] * (1.0 - t) * (1.0 - t) + 2.0 * d[1] * t * (1.0 - t) + d[2] * t * t;
+        so_far = so_far.max(d[0]).max(d[2]).max(vertex);
+    }
+    slopes.push(so_far);
+    slopes
+}
+
+/// Lines in a picture that can still be told apart.
+const LINES: usize = 12;
+
+/// Charts of the normal, lateral and friction curves of up to twelve test points, spread over the stiffness range,
+/// each with a name for its file.
+pub fn charts(body: &Body) -> [(&'static str, LineChart); 3] {
+    let reach = |c: &Curve| c.knots().last().copied().unwrap_or_default();
+    let mut order: Vec<usize> = (0..body.curves().len()).collect();
+    let force = |t: &usize| body.curves().get(*t).map_or(0.0, |r| r.normal.value(reach(&r.normal)));
+    order.sort_by(|a, b| force(b).total_cmp(&force(a)));
+    let last = order.len().saturating_sub(1);
+    let count = order.len().min(LINES);
+    let shown = (0..count).filter_map(|i| order.get(i * last / count.saturating_sub(1).max(1)));
+    let shown: Vec<usize> = shown.copied().collect();
+    let chart = |title: &str, x_label: &str, y_label: &str, curve: fn(&Response) -> &Curve| {
+        let line = |&t: &usize| {
+            let curve = curve(body.curves().get(t)?);
+            let node = body.nodes().get(*body.test_point_nodes().get(t)? as usize)?;
+            let [x, y, z] = (node.position * 1e3).to_array();
+            let samples = (0..=200).map(|i| reach(curve) * f64::from(i) / 200.0);
+            Some(Line {
+                name: format!("{t} at ({x:.1}, {y:.1}, {z:.1}) mm"),
+                points: samples.map(|d| (d * 1e3, curve.value(d))).collect(),
+            })
+        };
+        let title = if shown.len() < body.curves().len() {
+            format!("{title}: {} of {} test points", shown.len(), body.curves().len())
+        } else {
+            title.to_owned()
+        };
+        LineChart {
+            title,
+            x_label: x_label.into(),
+            y_label: y_label.into(),
+            lines: shown.iter().filter_map(line).collect(),
+            from_zero: true,
+        }
+    };
+    let depth = "normal deflection (mm)";
+    [
+        ("normal.png", chart("Normal force", depth, "normal force (N)", |r| &r.normal)),
+        (
+            "lateral.png",
+            chart("Lateral force", "lateral deflection (mm)", "lateral force (N)", |r| &r.lateral),
+        ),
+        ("friction.png", chart("Friction", depth, "friction coefficient", |r| &r.friction)),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_body::{Extension, Interpolation};
+
+    #[test]
+    fn greatest_slopes_are_those_of_a_fine_sampling() {
+        let knots = [0.0, 1e-3, 2.5e-3, 4e-3];
+        let curve =
+            Curve::through(&knots, &[0.0, 0.1, 0.9, 1.0], Interpolation::Pchip, Extension::Linear).unwrap();
+        for (knot, greatest) in knots.iter().zip(greatest_slopes(&curve)) {
+            let sampled = (0..=100_000).map(|i| curve.slope(knot * f64::from(i) / 1e5)).fold(0.0, f64::max);
+            assert!((greatest - sampled).abs() < 1e-4 * sampled.max(1.0), "{greatest} {sampled}");
+        }
+    }
+}

@@ -1,0 +1,71 @@
+//! Complaints about a spec: file, line, problem, mend.
+
+use anyhow::{Result, anyhow};
+use std::ops::{Range, RangeInclusive};
+use std::path::Path;
+use toml::Spanned;
+
+/// The text that spans point into.
+pub struct Source<'a> {
+    pub path: &'a Path,
+    pub text: &'a str,
+}
+
+impl Source<'_> {
+    /// `file:line` of a span.
+    pub fn place(&self, span: Range<usize>) -> String {
+        let before = self.text.as_bytes().get(..span.start).unwrap_or_default();
+        let line = 1 + before.iter().filter(|b| **b == b'\n').count();
+        format!("{}:{line}", self.path.display())
+    }
+
+    /// Where `key` stands in the table at `table`, or else the table itself.
+    pub fn find_key(&self, table: Range<usize>, key: &str) -> Range<usize> {
+        let mut start = table.start;
+        for (i, line) in self.text.get(table.start..).unwrap_or_default().split_inclusive('\n').enumerate() {
+            if i > 0 && line.starts_with('[') {
+                break;
+            }
+            if line.split('=').next().is_some_and(|name| name.trim() == key) {
+                return start..start + line.len();
+            }
+            start += line.len();
+        }
+        table
+    }
+
+    /// A complaint about a value.
+    pub fn error(&self, span: Range<usize>, problem: &str, mend: &str) -> anyhow::Error {
+        anyhow!("{}: {problem}; {mend}", self.place(span))
+    }
+
+    /// The value, if it lies within `range`; a number that is none does not.
+    pub fn within(&self, value: &Spanned<f64>, key: &str, range: RangeInclusive<f64>) -> Result<f64> {
+        match *value.get_ref() {
+            v if range.contains(&v) => Ok(v),
+            v => Err(self.error(
+                value.span(),
+                &format!("{key} is {v}"),
+                &format!("give a number between {} and {}", range.start(), range.end()),
+            )),
+        }
+    }
+
+    /// The parser's complaint, with a mend.
+    pub fn syntax(&self, error: &toml::de::Error) -> anyhow::Error {
+        let message = error.message().lines().map(str::trim).collect::<Vec<_>>().join(", ");
+        let mend = if message.starts_with("unknown field") {
+            "correct the key's spelling and unit, or remove it"
+        } else if message.starts_with("missing field") {
+            "add it to this table"
+        } else if message.starts_with("invalid type") || message.starts_with("unknown variant") {
+            "give a value of the kind that is expected"
+        } else {
+            "correct the TOML there"
+        };
+        match error.span() {
+            Some(span) => self.error(span, &message, mend),
+            None => anyhow!("{}: {message}; {mend}", self.path.display()),
+        }
+    }
+}

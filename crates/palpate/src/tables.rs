@@ -1,0 +1,141 @@
+//! A body as CSV tables, and the numbers of a node that tables and pictures show.
+
+use anyhow::Result;
+use palpate_body::{Body, Curve, Response};
+use std::io::Write;
+
+/// Numbers of one response, or a mix of several's.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Figures {
+    /// Slope of the normal force 1 mm deep, N/m.
+    pub stiffness_at_1_mm_n_per_m: f64,
+    /// Slope of the normal force at the last knot, N/m.
+    pub stiffness_at_full_depth_n_per_m: f64,
+    /// Normal force at the last knot, N.
+    pub largest_normal_force_n: f64,
+    /// Slope of the lateral force at 0, N/m.
+    pub lateral_stiffness_n_per_m: f64,
+    /// Friction coefficient at 0.
+    pub friction: f64,
+}
+
+impl Figures {
+    /// Names with units, in the order of [`Figures::values`].
+    pub const NAMES: [&str; 5] = [
+        "stiffness_at_1_mm_n_per_m",
+        "stiffness_at_full_depth_n_per_m",
+        "largest_normal_force_n",
+        "lateral_stiffness_n_per_m",
+        "friction",
+    ];
+
+    /// All of them.
+    pub fn values(&self) -> [f64; 5] {
+        let Figures {
+            stiffness_at_1_mm_n_per_m: at_1_mm,
+            stiffness_at_full_depth_n_per_m: at_full_depth,
+            largest_normal_force_n: force,
+            lateral_stiffness_n_per_m: lateral,
+            friction,
+        } = *self;
+        [at_1_mm, at_full_depth, force, lateral, friction]
+    }
+
+    fn of(response: &Response) -> Self {
+        let Response { normal, lateral, friction } = response;
+        let end = normal.knots().last().copied().unwrap_or_default();
+        Figures {
+            stiffness_at_1_mm_n_per_m: normal.slope(1e-3),
+            stiffness_at_full_depth_n_per_m: normal.slope(end),
+            largest_normal_force_n: normal.value(end),
+            lateral_stiffness_n_per_m: lateral.slope(0.0),
+            friction: friction.value(0.0),
+        }
+    }
+
+    /// Those of every node: like curves, they mix linearly.
+    pub fn of_nodes(body: &Body) -> Vec<Self> {
+        let of_points: Vec<[f64; 5]> = body.curves().iter().map(|r| Figures::of(r).values()).collect();
+        let mix = |node: &palpate_body::Node| {
+            let mut sum = [0.0; 5];
+            for (point, weight) in node.test_points.iter().zip(node.weights) {
+                let Some(values) = of_points.get(*point as usize) else { continue };
+                sum.iter_mut().zip(values).for_each(|(s, v)| *s += weight * v);
+            }
+            let [at_1_mm, at_full_depth, force, lateral, friction] = sum;
+            Figures {
+                stiffness_at_1_mm_n_per_m: at_1_mm,
+                stiffness_at_full_depth_n_per_m: at_full_depth,
+                largest_normal_force_n: force,
+                lateral_stiffness_n_per_m: lateral,
+                friction,
+            }
+        };
+        body.nodes().iter().map(mix).collect()
+    }
+}
+
+/// One row a node: place, inward normal, whose responses it mixes, and its figures.
+///
+/// # Errors
+/// `out` can't be written.
+pub fn write_nodes(body: &Body, out: &mut dyn Write) -> Result<()> {
+    write!(out, "node,x_m,y_m,z_m,inward_x,inward_y,inward_z")?;
+    write!(out, ",test_point_0,test_point_1,test_point_2,weight_0,weight_1,weight_2")?;
+    writeln!(out, ",{}", Figures::NAMES.join(","))?;
+    for (i, (node, figures)) in body.nodes().iter().zip(Figures::of_nodes(body)).enumerate() {
+        let ([x, y, z], [u, v, w]) = (node.position.to_array(), node.inward.to_array());
+        let ([a, b, c], [p, q, r]) = (node.test_points, node.weights);
+        write!(out, "{i},{x:?},{y:?},{z:?},{u:?},{v:?},{w:?},{a},{b},{c},{p:?},{q:?},{r:?}")?;
+        for value in figures.values() {
+            write!(out, ",{value:?}")?;
+        }
+        writeln!(out)?;
+    }
+    Ok(())
+}
+
+/// One row an element: its nodes, anticlockwise seen from outside.
+///
+/// # Errors
+/// `out` can't be written.
+pub fn write_elements(body: &Body, out: &mut dyn Write) -> Result<()> {
+    writeln!(out, "element,node_0,node_1,node_2")?;
+    for (i, element) in body.elements().iter().enumerate() {
+        let [a, b, c] = element.nodes;
+        writeln!(out, "{i},{a},{b},{c}")?;
+    }
+    Ok(())
+}
+
+/// Points between two knots, so that straight lines between rows show the curve.
+const BETWEEN_KNOTS: usize = 8;
+
+/// The test points' curves in rows of a samples file, with the slope beside: `value` is in N for `normal` and
+/// `lateral`, without unit for `friction`; `slope_per_m` is that per metre.
+///
+/// # Errors
+/// `out` can't be written.
+pub fn write_curves(body: &Body, out: &mut dyn Write) -> Result<()> {
+    writeln!(out, "point,x_m,y_m,z_m,component,deflection_m,value,slope_per_m")?;
+    for (t, (response, node)) in body.curves().iter().zip(body.test_point_nodes()).enumerate() {
+        let Some(node) = body.nodes().get(*node as usize) else { continue };
+        let [x, y, z] = node.position.to_array();
+        let Response { normal, lateral, friction } = response;
+        for (component, curve) in [("normal", normal), ("lateral", lateral), ("friction", friction)] {
+            for d in deflections(curve) {
+                let (value, slope) = (curve.value(d), curve.slope(d));
+                writeln!(out, "{t},{x:?},{y:?},{z:?},{component},{d:?},{value:?},{slope:?}")?;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn deflections(curve: &Curve) -> impl Iterator<Item = f64> + '_ {
+    let within = |k: &[f64]| {
+        let (from, width) = (k[0], k[1] - k[0]);
+        (0..BETWEEN_KNOTS).map(move |i| from + width * i as f64 / BETWEEN_KNOTS as f64)
+    };
+    curve.knots().windows(2).flat_map(within).chain(curve.knots().last().copied())
+}

@@ -1,0 +1,125 @@
+//! A body as a VTK XML unstructured grid, for ParaView: the header as text, the arrays behind it as raw bytes.
+
+use crate::tables::Figures;
+use anyhow::Result;
+use palpate_body::Body;
+use std::io::Write;
+
+/// One array of the file.
+struct Array<'a> {
+    name: &'static str,
+    kind: &'static str,
+    components: usize,
+    /// Bytes of all of it.
+    size: u64,
+    write: Box<dyn Fn(&mut dyn Write) -> std::io::Result<()> + 'a>,
+}
+
+/// VTK's number for a triangle.
+const TRIANGLE: u8 = 5;
+
+/// Writes the surface with, at each node, its inward normal, the [`Figures`], and the test points it mixes.
+///
+/// # Errors
+/// `out` can't be written.
+pub fn write(body: &Body, out: &mut dyn Write) -> Result<()> {
+    let figures: Vec<[f64; 5]> = Figures::of_nodes(body).iter().map(Figures::values).collect();
+    let (nodes, elements) = (body.nodes(), body.elements());
+    let mut point_data = vec![
+        doubles("inward_normal", 3, nodes.len(), move |i| nodes[i].inward.to_array().to_vec()),
+        doubles("weights", 3, nodes.len(), move |i| nodes[i].weights.to_vec()),
+        integers("test_points", 3, nodes.len(), move |i| nodes[i].test_points.to_vec()),
+        integers("test_point", 1, nodes.len(), move |i| {
+            // The one that counts most.
+            let most =
+                (0..3).max_by(|&a, &b| nodes[i].weights[a].total_cmp(&nodes[i].weights[b]).then(b.cmp(&a)));
+            vec![nodes[i].test_points[most.unwrap_or(0)]]
+        }),
+    ];
+    let figures = &figures;
+    for (k, name) in Figures::NAMES.into_iter().enumerate() {
+        point_data.push(doubles(name, 1, nodes.len(), move |i| vec![figures[i][k]]));
+    }
+    let points = [doubles("position_m", 3, nodes.len(), move |i| nodes[i].position.to_array().to_vec())];
+    let cells = [
+        integers("connectivity", 1, elements.len() * 3, move |i| vec![elements[i / 3].nodes[i % 3]]),
+        Array {
+            name: "offsets",
+            kind: "Int64",
+            components: 1,
+            size: 8 * elements.len() as u64,
+            write: Box::new(move |out| {
+                (1..=elements.len() as i64).try_for_each(|i| out.write_all(&(3 * i).to_le_bytes()))
+            }),
+        },
+        Array {
+            name: "types",
+            kind: "UInt8",
+            components: 1,
+            size: elements.len() as u64,
+            write: Box::new(move |out| (0..elements.len()).try_for_each(|_| out.write_all(&[TRIANGLE]))),
+        },
+    ];
+
+    let mut offset = 0;
+    let sections = [("PointData", &point_data[..]), ("Points", &points[..]), ("Cells", &cells[..])];
+    writeln!(out, r#"<?xml version="1.0"?>"#)?;
+    writeln!(
+        out,
+        r#"<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">"#
+    )?;
+    writeln!(out, "<UnstructuredGrid>")?;
+    writeln!(out, r#"<Piece NumberOfPoints="{}" NumberOfCells="{}">"#, nodes.len(), elements.len())?;
+    for (section, arrays) in &sections {
+        writeln!(out, "<{section}>")?;
+        for Array { name, kind, components, size, .. } in *arrays {
+            writeln!(
+                out,
+                r#"<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" format="appended" offset="{offset}"/>"#
+            )?;
+            offset += 8 + size;
+        }
+        writeln!(out, "</{section}>")?;
+    }
+    write!(out, "</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_")?;
+    for array in sections.iter().flat_map(|(_, arrays)| *arrays) {
+        out.write_all(&array.size.to_le_bytes())?;
+        (array.write)(out)?;
+    }
+    writeln!(out, "\n</AppendedData>\n</VTKFile>")?;
+    Ok(())
+}
+
+fn doubles<'a>(
+    name: &'static str,
+    components: usize,
+    rows: usize,
+    row: impl Fn(usize) -> Vec<f64> + 'a,
+) -> Array<'a> {
+    Array {
+        name,
+        kind: "Float64",
+        components,
+        size: (8 * components * rows) as u64,
+        write: Box::new(move |out| {
+            (0..rows).try_for_each(|i| row(i).iter().try_for_each(|v| out.write_all(&v.to_le_bytes())))
+        }),
+    }
+}
+
+fn integers<'a>(
+    name: &'static str,
+    components: usize,
+    rows: usize,
+    row: impl Fn(usize) -> Vec<u32> + 'a,
+) -> Array<'a> {
+    Array {
+        name,
+        kind: "UInt32",
+        components,
+        size: (4 * components * rows) as u64,
+        write: Box::new(move |out| {
+            (0..rows).try_for_each(|i| row(i).iter().try_for_each(|v| out.write_all(&v.to_le_bytes())))
+        }),
+    }
+}
