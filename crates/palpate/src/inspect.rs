@@ -160,17 +160,21 @@ pub fn charts(body: &Body) -> [(&'static str, LineChart); 3] {
     let shown = (0..count).filter_map(|i| order.get(i * last / count.saturating_sub(1).max(1)));
     let shown: Vec<usize> = shown.copied().collect();
     let chart = |title: &str, x_label: &str, y_label: &str, curve: fn(&Response) -> &Curve| {
+        let all_alike = body.curves().windows(2).all(|r| curve(&r[0]) == curve(&r[1]));
+        let shown = if all_alike { shown.get(..1).unwrap_or_default() } else { &shown };
         let line = |&t: &usize| {
             let curve = curve(body.curves().get(t)?);
             let node = body.nodes().get(*body.test_point_nodes().get(t)? as usize)?;
             let [x, y, z] = (node.position * 1e3).to_array();
             let samples = (0..=200).map(|i| reach(curve) * f64::from(i) / 200.0);
-            Some(Line {
-                name: format!("{t} at ({x:.1}, {y:.1}, {z:.1}) mm"),
-                points: samples.map(|d| (d * 1e3, curve.value(d))).collect(),
-            })
+            let name = if all_alike {
+                format!("all {} test points", body.curves().len())
+            } else {
+                format!("{t} at ({x:.1}, {y:.1}, {z:.1}) mm")
+            };
+            Some(Line { name, points: samples.map(|d| (d * 1e3, curve.value(d))).collect() })
         };
-        let title = if shown.len() < body.curves().len() {
+        let title = if !all_alike && shown.len() < body.curves().len() {
             format!("{title}: {} of {} test points", shown.len(), body.curves().len())
         } else {
             title.to_owned()

@@ -145,11 +145,24 @@ fn ranges(chart: &LineChart) -> Option<[Range<f64>; 2]> {
     Some([low[0]..low[0] + spread(0), bottom..low[1] + spread(1) + air])
 }
 
-/// The upper left corner, unless a line runs there.
+/// The corner where a legend hides the fewest points; the upper left one if it is free.
 fn legend_corner(chart: &LineChart, x: &Range<f64>, y: &Range<f64>) -> SeriesLabelPosition {
-    let (right, bottom) = (x.start + 0.3 * (x.end - x.start), y.start + 0.5 * (y.end - y.start));
-    let taken = chart.lines.iter().flat_map(|l| &l.points).any(|p| p.0 < right && p.1 > bottom);
-    if taken { SeriesLabelPosition::LowerRight } else { SeriesLabelPosition::UpperLeft }
+    let (width, height) = (x.end - x.start, y.end - y.start);
+    let hidden = |right: bool, upper: bool| {
+        let points = chart.lines.iter().flat_map(|l| &l.points);
+        let beside = |v: f64| if right { v > x.end - 0.3 * width } else { v < x.start + 0.3 * width };
+        let level = |v: f64| (v > y.start + 0.5 * height) == upper;
+        points.filter(|p| beside(p.0) && level(p.1)).count()
+    };
+    [
+        (hidden(false, true), SeriesLabelPosition::UpperLeft),
+        (hidden(true, true), SeriesLabelPosition::UpperRight),
+        (hidden(true, false), SeriesLabelPosition::LowerRight),
+        (hidden(false, false), SeriesLabelPosition::LowerLeft),
+    ]
+    .into_iter()
+    .min_by_key(|(count, _)| *count)
+    .map_or(SeriesLabelPosition::UpperLeft, |(_, corner)| corner)
 }
 
 /// A tick's number with as many decimals as an axis of this extent needs.

@@ -5,6 +5,9 @@ use anyhow::Result;
 use palpate_body::Body;
 use std::io::Write;
 
+/// Puts an array's bytes out.
+type Writer<'a> = dyn Fn(&mut dyn Write) -> std::io::Result<()> + 'a;
+
 /// One array of the file.
 struct Array<'a> {
     name: &'static str,
@@ -12,7 +15,7 @@ struct Array<'a> {
     components: usize,
     /// Bytes of all of it.
     size: u64,
-    write: Box<dyn Fn(&mut dyn Write) -> std::io::Result<()> + 'a>,
+    write: Box<Writer<'a>>,
 }
 
 /// VTK's number for a triangle.

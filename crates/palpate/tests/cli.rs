@@ -342,6 +342,7 @@ fn wrong_specs_are_refused_with_their_line() {
         (spec("kind = \"cylinder\"", "kind = \"teapot\""), &["bad.toml:3", "teapot"]),
         (spec("around = 24", "around = 2"), &["bad.toml:6", "around"]),
         (spec("around = 24", "around = 1000000000"), &["bad.toml:6", "triangles"]),
+        (spec("around = 24", "around = 100000"), &["bad.toml", "coarser"]),
         (spec("coefficient = 0.3", "coefficient = -0.3"), &["bad.toml:10", "-0.3"]),
         (spec("coefficient = 0.3", "coefficient = \"much\""), &["bad.toml:10", "invalid type"]),
         (spec("coefficient = 0.3", "depth_mm = [0, 1]"), &["bad.toml:9", "coefficients"]),

@@ -10,7 +10,7 @@ pub const BATCH: usize = 64;
 /// What a step costs, ns.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Times {
-    /// Of a batch's mean: over batches of [`BATCH`] steps in a row.
+    /// Of a batch's mean: over batches of 64 steps in a row.
     pub median_ns: f64,
     /// Of single steps.
     pub p99_ns: f64,

@@ -3,12 +3,14 @@
 use super::Failure;
 use crate::spec::{Friction, Geometry, Spec};
 use crate::{console, files};
-use anyhow::{Context, anyhow};
+use anyhow::{Context, anyhow, bail};
 use glam::DVec3;
 use palpate_body::import::{self, LengthUnit};
 use palpate_body::repair::{self, Options};
 use palpate_body::shape::Shape;
-use palpate_body::{Body, BodyParts, Interpolation, NodeMix, Provenance, Response, SlipRule, Surface, Tool};
+use palpate_body::{
+    Body, BodyParts, Interpolation, NodeMix, Provenance, Response, SlipRule, Surface, Tool, TriangleMesh,
+};
 use palpate_identify::{FitOptions, FitReport, fit, read_samples};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -162,6 +164,7 @@ fn surface(
         let options = Options { allow_open: args.open || spec.is_some_and(|s| s.open) };
         let (triangles, report) = repair::repair(triangles, options).map_err(|e| e.in_file(path))?;
         notes.extend(report.notes.iter().map(|note| format!("{}: {note}", path.display())));
+        check_size(args, path, &triangles)?;
         return Ok(Surface::build(&triangles, crease_angle).map_err(|e| e.in_file(path))?);
     }
     let file = args.spec.as_deref().unwrap_or(Path::new("spec"));
@@ -171,7 +174,9 @@ fn surface(
             file.display()
         ));
     };
-    let surface = Surface::build(&shape.mesh(*resolution)?, crease_angle).map_err(|e| e.in_file(file))?;
+    let triangles = shape.mesh(*resolution).map_err(|e| e.in_file(file))?;
+    check_size(args, file, &triangles)?;
+    let surface = Surface::build(&triangles, crease_angle).map_err(|e| e.in_file(file))?;
     match shape {
         // The paper's cylinder: its normals are radial.
         Shape::Cylinder { caps: false, .. } => {
@@ -181,6 +186,21 @@ fn surface(
         }
         _ => Ok(surface),
     }
+}
+
+/// Nodes that a law gives responses of their own to: 2 kB each.
+const MAX_LAW_NODES: usize = 500_000;
+
+fn check_size(args: &Args, file: &Path, mesh: &TriangleMesh) -> anyhow::Result<()> {
+    let count = mesh.positions.len();
+    if args.samples.is_none() && count > MAX_LAW_NODES {
+        bail!(
+            "{}: a law gives each of the {count} vertices its own response, and {MAX_LAW_NODES} is the most; make the \
+             mesh coarser, or give --samples at fewer points",
+            file.display()
+        );
+    }
+    Ok(())
 }
 
 /// The responses: from the samples, else from the spec's law.
