@@ -40,6 +40,14 @@ pub(crate) fn rates(corners: [DVec3; 3], v: DVec3) -> [f64; 3] {
     [-(r1 + r2), r1, r2]
 }
 
+/// The area coordinates after a move `r` that stays in the element.
+#[inline]
+pub(crate) fn inside(n: [f64; 3], r: [f64; 3]) -> Option<[f64; 3]> {
+    let (n1, n2) = (n[1] + r[1], n[2] + r[2]);
+    let n0 = 1.0 - n1 - n2;
+    (n0 >= 0.0 && n1 >= 0.0 && n2 >= 0.0).then_some([n0, n1, n2])
+}
+
 /// Moves `at` by the projection of the displacement `way` (m) on each element that it comes through. Returns where it
 /// ended, what part of the way that was, and why it ended. `r` are the [`rates`] of `way` in the first element.
 ///
@@ -54,10 +62,8 @@ pub(crate) fn walk(
 ) -> (SurfacePoint, f64, Stop) {
     let mut left = 1.0;
     loop {
-        let [_, n1, n2] = ahead(at.n, r, left);
-        let n0 = 1.0 - n1 - n2;
-        if n0 >= 0.0 && n1 >= 0.0 && n2 >= 0.0 {
-            at.n = [n0, n1, n2];
+        if let Some(n) = inside(at.n, r.map(|r| r * left)) {
+            at.n = n;
             return (at, 1.0, Stop::Reached);
         }
         // The first coordinate to reach zero. One that stands at zero and moves by rounding alone stays.
