@@ -28,8 +28,8 @@ pub struct Contact {
 enum State {
     /// Before the first pose.
     Unknown,
-    /// Outside at `tip`; at `asked_at` the surface was `clear` (m) away from touch.
-    Free { tip: DVec3, asked_at: DVec3, clear: f64 },
+    /// Outside at `tip`; at `asked_at` the surface was at least `clear` (m) away from touch, and `near` not far.
+    Free { tip: DVec3, asked_at: DVec3, clear: f64, near: u32 },
     /// Inside without touching: it came there otherwise than through the surface.
     Inside { asked_at: DVec3, clear: f64 },
     /// Touching at `at` with the tool at `tip`.
@@ -108,13 +108,16 @@ impl Contact {
     fn touch(&mut self, body: &Body, tip: DVec3, flags: &mut Flags) -> Option<SurfacePoint> {
         match self.state {
             State::Touching { at, .. } => Some(at),
-            State::Free { asked_at, clear, .. } if tip.distance(asked_at) < clear => {
-                self.state = State::Free { tip, asked_at, clear };
+            State::Free { asked_at, clear, near, .. } if tip.distance(asked_at) < clear => {
+                self.state = State::Free { tip, asked_at, clear, near };
                 None
             }
-            State::Free { tip: from, .. } => {
+            State::Free { tip: from, near, .. } => {
                 let Some(touch) = body.first_touch(from, tip, self.law.radius_m) else {
-                    self.look_around(body, tip, false, flags);
+                    // A little less than the clearance: rounding must not skip a touch.
+                    let (clear, near) = body.clearance(tip, near);
+                    let clear = (clear - self.law.radius_m) * (1.0 - 1e-9) - ON_SURFACE;
+                    self.state = State::Free { tip, asked_at: tip, clear, near };
                     return None;
                 };
                 flags.onset = true;
@@ -127,27 +130,24 @@ impl Contact {
                 None
             }
             State::Inside { .. } | State::Unknown => {
-                self.look_around(body, tip, true, flags);
+                self.look_around(body, tip, flags);
                 None
             }
         }
     }
 
-    /// Finds the clearance around a tip that does not touch; and, if asked, which side it is on.
-    fn look_around(&mut self, body: &Body, tip: DVec3, unsure: bool, flags: &mut Flags) {
+    /// Finds out on which side of the surface a tip is that did not come from outside.
+    fn look_around(&mut self, body: &Body, tip: DVec3, flags: &mut Flags) {
         let nearest = body.nearest(tip, f64::INFINITY);
+        let near = nearest.map_or(0, |n| n.at.element);
         let (distance, outside) = nearest.map_or((f64::INFINITY, true), |n| (n.distance, n.outside));
-        let touches =
-            distance < self.law.radius_m || (self.law.radius_m == 0.0 && !outside && distance > ON_SURFACE);
-        if unsure && (touches || !(outside || distance <= ON_SURFACE)) {
+        self.state = if (outside && distance >= self.law.radius_m) || distance <= ON_SURFACE {
+            State::Free { tip, asked_at: tip, clear: 0.0, near }
+        } else {
             flags.started_inside = true;
             // Inside stays inside until the tip has been as far as the surface.
-            self.state = State::Inside { asked_at: tip, clear: (distance - self.law.radius_m).abs() };
-        } else {
-            // A little less than the clearance: rounding must not skip a touch.
-            let clear = (distance - self.law.radius_m) * (1.0 - 1e-9) - ON_SURFACE;
-            self.state = State::Free { tip, asked_at: tip, clear };
-        }
+            State::Inside { asked_at: tip, clear: (distance - self.law.radius_m).abs() }
+        };
     }
 
     /// A sphere's first touch is where the nearest point is at its radius, but the frame there is the interpolated
@@ -211,7 +211,7 @@ impl Contact {
             flags.border = true;
             flags.released = true;
             // Beyond the border the tip may hang under the sheet: only seen from outside may it touch again.
-            self.look_around(body, tip, true, flags);
+            self.look_around(body, tip, flags);
             flags.started_inside = false;
             return None;
         }
@@ -234,20 +234,13 @@ impl Contact {
         flags.released = !hovers;
         flags.onset &= !hovers;
         self.counters.onsets = self.counters.onsets.saturating_sub(u64::from(hovers));
-        self.state = State::Free { tip, asked_at: tip, clear: 0.0 };
+        self.state = State::Free { tip, asked_at: tip, clear: 0.0, near: site.element };
         None
     }
 
     /// Stage 5: the state for the next step, and the force.
     #[inline(always)]
-    fn answer(
-        &mut self,
-        at: SurfacePoint,
-        tip: DVec3,
-        field: &Field,
-        end: End,
-        mut flags: Flags,
-    ) -> Output {
+    fn answer(&mut self, at: SurfacePoint, tip: DVec3, field: &Field, end: End, mut flags: Flags) -> Output {
         self.state = State::Touching { at, tip };
         let mut force = -field.force();
         match end {

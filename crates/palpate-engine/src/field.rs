@@ -111,6 +111,16 @@ impl<'a> Site<'a> {
         Site { body, law, element, nodes, mix, depth: Rows::NONE, lateral: Rows::NONE }
     }
 
+    /// Another element; the curves stay where it mixes the same test points.
+    #[inline]
+    pub fn move_to(&mut self, element: u32) {
+        let before = *self;
+        *self = Site::new(self.body, self.law, element);
+        if self.mix == Mix::Shared && before.mix == Mix::Shared && self.points() == before.points() {
+            (self.depth, self.lateral) = (before.depth, before.lateral);
+        }
+    }
+
     /// Corner positions, m.
     #[inline]
     pub fn corners(&self) -> [DVec3; 3] {
@@ -253,7 +263,11 @@ impl<'a> Site<'a> {
         let d_depth = f.lateral * f.u_r.dot(du) - t.dot(u);
         let d_tangential = -t - u * d_depth - du * (f.depth - self.law.radius_m);
         let d_lateral = f.u_r.dot(d_tangential);
-        let du_r = if f.lateral > 0.0 { (d_tangential - f.u_r * d_lateral) * (1.0 / f.lateral) } else { DVec3::ZERO };
+        let du_r = if f.lateral > 0.0 {
+            (d_tangential - f.u_r * d_lateral) * (1.0 / f.lateral)
+        } else {
+            DVec3::ZERO
+        };
 
         // (5) is linear in the area coordinates: their rates mix the responses' own gradient.
         let (normal, friction, _) = self.samples(self.response_coordinates(n), f);
@@ -263,8 +277,9 @@ impl<'a> Site<'a> {
         let d_normal = normal.slope * d_depth + normal_gradient.value;
         let d_pull = f.pull_slope * d_lateral + pull_gradient.value;
         let limit_slope = friction.slope * normal.value + friction.value * normal.slope;
-        let limit =
-            limit_slope * d_depth + friction_gradient.value * normal.value + friction.value * normal_gradient.value;
+        let limit = limit_slope * d_depth
+            + friction_gradient.value * normal.value
+            + friction.value * normal_gradient.value;
         let force = u * d_normal + du * f.normal + f.u_r * d_pull + du_r * f.pull;
         Drift { force, normal_slope: normal.slope, limit_slope, eta: limit - d_pull }
     }

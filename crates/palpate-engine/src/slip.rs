@@ -34,27 +34,24 @@ pub(crate) struct Slipped {
     pub crossings: u32,
 }
 
-/// How far the contact point ran for each newton of drive in the last two slips of a contact, m/N; 0 where there was
-/// none.
+/// How far the contact point ran for each newton of drive in the last slips of a contact, m/N; 0 where there was none.
 ///
-/// From one step of a drag to the next this hardly changes, and drawn on in a straight line it nearly always saves the
-/// search its derivative and an iterate. It is a first guess and no more.
+/// From one step of a drag to the next this changes smoothly: drawn on through the last three values it nearly always
+/// saves the search its derivative, and often an iterate. It is a first guess and no more.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Pace {
-    last: f64,
-    before: f64,
-}
+pub(crate) struct Pace([f64; 3]);
 
 impl Pace {
     #[inline]
     fn guess(self) -> f64 {
-        let drift = self.last - self.before;
-        if drift.abs() < 0.1 * self.last { self.last + drift } else { self.last }
+        let [a, b, c] = self.0;
+        let smooth = (a - b).abs() < 0.02 * a && (b - c).abs() < 0.02 * a;
+        if smooth { 3.0 * (a - b) + c } else { a }
     }
 
     #[inline]
     fn learn(&mut self, ease: f64) {
-        *self = Pace { last: ease, before: self.last };
+        self.0 = [ease, self.0[0], self.0[1]];
     }
 }
 
@@ -173,8 +170,9 @@ impl Search<'_, '_> {
             let seen = self.field.pull * self.field.u_r.dot(v) - self.field.limit;
             let now = self.field.pull - self.field.limit;
             if now.abs() <= tolerance(self.field) {
+                // What is left would be closed by one more iterate: learn as if it had been.
                 if now.abs() < 0.1 * first {
-                    self.pace.learn(travelled / first);
+                    self.pace.learn((travelled + now * ease) / first);
                 }
                 return true;
             }
@@ -253,7 +251,7 @@ impl Search<'_, '_> {
     fn evaluate(&mut self) {
         self.evaluations = self.evaluations.saturating_sub(1);
         if self.site.element != self.at.element {
-            *self.site = Site::new(self.site.body, self.site.law, self.at.element);
+            self.site.move_to(self.at.element);
         }
         *self.field = self.site.evaluate(self.at.n, self.tip);
     }
