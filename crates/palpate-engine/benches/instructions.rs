@@ -103,7 +103,10 @@ fn stick(finer: u32) -> Scene {
         at(0.4 + 2e-3 * libm::cos(turn), 2e-3 + 5e-5 * libm::sin(turn), 3e-3)
     };
     let press = [at(0.4, 2e-3, -1e-3), at(0.4, 2e-3, 3e-3)];
-    warm(finer, &press, (0..STEPS).map(circle).collect())
+    let scene = warm(finer, &press, (0..STEPS).map(circle).collect());
+    let (contact, _) = &scene.1[0];
+    assert!(contact.counters().slips <= 1, "only the press may slip: {:?}", contact.counters());
+    scene
 }
 
 /// A helical drag 3 mm deep, at 0.1 m/s and 1 kHz; there once before to warm up.
