@@ -61,10 +61,13 @@ fn every_command_runs() {
 }
 
 #[test]
-fn the_specs_example_is_the_file() {
-    let text = read("docs/spec.md");
-    let [block] = &blocks(&text, "toml")[..] else { panic!("docs/spec.md has one example") };
-    assert_eq!(block.join("\n"), read("examples/cylinder-law.toml").trim_end());
+fn the_specs_examples_are_the_files() {
+    let (text, files) = (read("docs/spec.md"), ["examples/cylinder-law.toml", "examples/fit/lump.toml"]);
+    let blocks = blocks(&text, "toml");
+    assert_eq!(blocks.len(), files.len());
+    for (block, file) in blocks.iter().zip(files) {
+        assert_eq!(block.join("\n"), read(file).trim_end(), "{file}");
+    }
 }
 
 #[test]
