@@ -17,6 +17,7 @@ fn slide(c: &mut Contact, b: &palpate_body::Body, path: &[DVec3]) {
 #[inline(never)]
 fn stick(c: &mut Contact, b: &palpate_body::Body, path: &[DVec3]) {
     for p in path {
+        std::hint::black_box(1u8);
         std::hint::black_box(one(c, b, *p));
     }
 }

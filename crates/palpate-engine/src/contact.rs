@@ -3,7 +3,7 @@
 use crate::field::{Ablation, Field, Law, Site};
 use crate::output::{ContactPoint, Counters, Flags, Ledger, Output, ToolPose};
 use crate::sensitivity;
-use crate::slip::{self, End};
+use crate::slip::{self, End, Pace};
 use glam::DVec3;
 use palpate_body::{Body, SlipRule, SurfacePoint};
 
@@ -18,6 +18,7 @@ pub struct Contact {
     law: Law,
     rule: SlipRule,
     state: State,
+    pace: Pace,
     energy: Ledger,
     counters: Counters,
 }
@@ -27,8 +28,8 @@ pub struct Contact {
 enum State {
     /// Before the first pose.
     Unknown,
-    /// Outside at `tip`; at `asked_at` the surface was `clear` (m) away from touch.
-    Free { tip: DVec3, asked_at: DVec3, clear: f64 },
+    /// Outside at `tip`; at `asked_at` the surface was at least `clear` (m) away from touch, and `near` not far.
+    Free { tip: DVec3, asked_at: DVec3, clear: f64, near: u32 },
     /// Inside without touching: it came there otherwise than through the surface.
     Inside { asked_at: DVec3, clear: f64 },
     /// Touching at `at` with the tool at `tip`.
@@ -45,7 +46,7 @@ impl Contact {
     pub fn with_ablation(body: &Body, ablation: Ablation) -> Self {
         let law = Law { ablation, radius_m: body.tool().radius_m };
         let (energy, counters) = (Ledger::default(), Counters::default());
-        Contact { law, rule: body.slip(), state: State::Unknown, energy, counters }
+        Contact { law, rule: body.slip(), state: State::Unknown, pace: Pace::default(), energy, counters }
     }
 
     /// The slip rule in force.
@@ -78,14 +79,15 @@ impl Contact {
             return Output { flags, energy: self.energy, ..Output::default() };
         };
         let Some(at) = self.touch(body, tip, &mut flags) else { return self.untouched(flags) };
+        let mut at = at;
         let mut site = Site::new(body, self.law, at.element);
-        let field = self.stick(&mut site, at, tip);
-        let (at, field, end) = self.slip(&mut site, at, field, tip, &mut flags);
+        let mut field = self.stick(&mut site, at, tip);
+        let end = self.slip(&mut site, &mut at, &mut field, tip, &mut flags);
         if field.depth > 0.0 && end != End::Border {
-            return self.answer(body, at, tip, &field, end, flags);
+            return self.answer(at, tip, &field, end, flags);
         }
         match self.release(&mut site, end, tip, &mut flags) {
-            Some((at, field, end)) => self.answer(body, at, tip, &field, end, flags),
+            Some((at, field, end)) => self.answer(at, tip, &field, end, flags),
             None => self.untouched(flags),
         }
     }
@@ -106,13 +108,16 @@ impl Contact {
     fn touch(&mut self, body: &Body, tip: DVec3, flags: &mut Flags) -> Option<SurfacePoint> {
         match self.state {
             State::Touching { at, .. } => Some(at),
-            State::Free { asked_at, clear, .. } if tip.distance(asked_at) < clear => {
-                self.state = State::Free { tip, asked_at, clear };
+            State::Free { asked_at, clear, near, .. } if tip.distance(asked_at) < clear => {
+                self.state = State::Free { tip, asked_at, clear, near };
                 None
             }
-            State::Free { tip: from, .. } => {
+            State::Free { tip: from, near, .. } => {
                 let Some(touch) = body.first_touch(from, tip, self.law.radius_m) else {
-                    self.look_around(body, tip, false, flags);
+                    // A little less than the clearance: rounding must not skip a touch.
+                    let (clear, near) = body.clearance(tip, near);
+                    let clear = (clear - self.law.radius_m) * (1.0 - 1e-9) - ON_SURFACE;
+                    self.state = State::Free { tip, asked_at: tip, clear, near };
                     return None;
                 };
                 flags.onset = true;
@@ -125,45 +130,43 @@ impl Contact {
                 None
             }
             State::Inside { .. } | State::Unknown => {
-                self.look_around(body, tip, true, flags);
+                self.look_around(body, tip, flags);
                 None
             }
         }
     }
 
-    /// Finds the clearance around a tip that does not touch; and, if asked, which side it is on.
-    fn look_around(&mut self, body: &Body, tip: DVec3, unsure: bool, flags: &mut Flags) {
+    /// Finds out on which side of the surface a tip is that did not come from outside.
+    fn look_around(&mut self, body: &Body, tip: DVec3, flags: &mut Flags) {
         let nearest = body.nearest(tip, f64::INFINITY);
+        let near = nearest.map_or(0, |n| n.at.element);
         let (distance, outside) = nearest.map_or((f64::INFINITY, true), |n| (n.distance, n.outside));
-        let touches =
-            distance < self.law.radius_m || (self.law.radius_m == 0.0 && !outside && distance > ON_SURFACE);
-        if unsure && (touches || !(outside || distance <= ON_SURFACE)) {
+        self.state = if (outside && distance >= self.law.radius_m) || distance <= ON_SURFACE {
+            State::Free { tip, asked_at: tip, clear: 0.0, near }
+        } else {
             flags.started_inside = true;
             // Inside stays inside until the tip has been as far as the surface.
-            self.state = State::Inside { asked_at: tip, clear: (distance - self.law.radius_m).abs() };
-        } else {
-            // A little less than the clearance: rounding must not skip a touch.
-            let clear = (distance - self.law.radius_m) * (1.0 - 1e-9) - ON_SURFACE;
-            self.state = State::Free { tip, asked_at: tip, clear };
-        }
+            State::Inside { asked_at: tip, clear: (distance - self.law.radius_m).abs() }
+        };
     }
 
     /// A sphere's first touch is where the nearest point is at its radius, but the frame there is the interpolated
     /// one: the contact point moves to where the deflection has no lateral part before it begins to count.
     fn settle(&self, body: &Body, at: SurfacePoint, tip: DVec3) -> SurfacePoint {
-        if self.law.radius_m == 0.0 {
-            return at;
+        let mut at = at;
+        if self.law.radius_m > 0.0 {
+            let mut site = Site::new(body, self.law, at.element);
+            let mut field = site.evaluate(at.n, tip);
+            slip::slip(&mut site, &mut at, &mut field, tip, &mut Pace::default());
         }
-        let mut site = Site::new(body, self.law, at.element);
-        let field = site.evaluate(at.n, tip);
-        slip::slip(&mut site, at, field, tip).at
+        at
     }
 
     /// Stage 2: the tool moves with the contact point held.
     #[inline]
     fn stick(&mut self, site: &mut Site, at: SurfacePoint, tip: DVec3) -> Field {
         let field = site.evaluate(at.n, tip);
-        self.energy.stick(field.energy());
+        self.energy.stick(field.energy);
         field
     }
 
@@ -172,22 +175,24 @@ impl Contact {
     fn slip(
         &mut self,
         site: &mut Site,
-        at: SurfacePoint,
-        field: Field,
+        at: &mut SurfacePoint,
+        field: &mut Field,
         tip: DVec3,
         flags: &mut Flags,
-    ) -> (SurfacePoint, Field, End) {
-        let SlipRule::Paper = self.rule else { return (at, field, End::Settled) };
-        if slip::within(field.pull.value, &field) {
-            return (at, field, End::Settled);
+    ) -> End {
+        let SlipRule::Paper = self.rule else { return End::Settled };
+        if slip::within(field.pull, field) {
+            return End::Settled;
         }
-        let slipped = slip::slip(site, at, field, tip);
-        self.energy.slip(slipped.field.energy());
-        flags.slipping |= slipped.moved;
-        self.counters.slips += u64::from(slipped.moved);
+        let start = *at;
+        let slipped = slip::slip(site, at, field, tip, &mut self.pace);
+        self.energy.slip(field.energy);
+        let moved = *at != start;
+        flags.slipping |= moved;
+        self.counters.slips += u64::from(moved);
         self.counters.evaluations += u64::from(slipped.evaluations);
         self.counters.crossings += u64::from(slipped.crossings);
-        (slipped.at, slipped.field, slipped.end)
+        slipped.end
     }
 
     /// Stage 4: the contact ends, at δz ≤ 0 or over the border. A tip that is then still inside, in a concave facet or
@@ -206,18 +211,18 @@ impl Contact {
             flags.border = true;
             flags.released = true;
             // Beyond the border the tip may hang under the sheet: only seen from outside may it touch again.
-            self.look_around(body, tip, true, flags);
+            self.look_around(body, tip, flags);
             flags.started_inside = false;
             return None;
         }
         let inside = body.nearest(tip, f64::INFINITY).filter(|n| !n.outside && n.distance > ON_SURFACE);
         if let Some(nearest) = inside {
-            let at = self.settle(body, nearest.at, tip);
+            let mut at = self.settle(body, nearest.at, tip);
             *site = Site::new(body, self.law, at.element);
-            let field = site.evaluate(at.n, tip);
+            let mut field = site.evaluate(at.n, tip);
             // Stored energy appears at a fixed tip: the ledger books it as generated.
-            self.energy.slip(field.energy());
-            let (at, field, end) = self.slip(site, at, field, tip, flags);
+            self.energy.slip(field.energy);
+            let end = self.slip(site, &mut at, &mut field, tip, flags);
             if field.depth > 0.0 && end != End::Border {
                 flags.reanchored = true;
                 return Some((at, field, end));
@@ -229,21 +234,13 @@ impl Contact {
         flags.released = !hovers;
         flags.onset &= !hovers;
         self.counters.onsets = self.counters.onsets.saturating_sub(u64::from(hovers));
-        self.state = State::Free { tip, asked_at: tip, clear: 0.0 };
+        self.state = State::Free { tip, asked_at: tip, clear: 0.0, near: site.element };
         None
     }
 
     /// Stage 5: the state for the next step, and the force.
-    #[inline]
-    fn answer(
-        &mut self,
-        body: &Body,
-        at: SurfacePoint,
-        tip: DVec3,
-        field: &Field,
-        end: End,
-        mut flags: Flags,
-    ) -> Output {
+    #[inline(always)]
+    fn answer(&mut self, at: SurfacePoint, tip: DVec3, field: &Field, end: End, mut flags: Flags) -> Output {
         self.state = State::Touching { at, tip };
         let mut force = -field.force();
         match end {
@@ -254,7 +251,7 @@ impl Contact {
             End::Capped => {
                 flags.capped = true;
                 self.counters.capped += 1;
-                force += field.u_r * (field.pull.value - field.limit).max(0.0);
+                force += field.u_r * (field.pull - field.limit).max(0.0);
             }
             End::Settled | End::Border => {}
         }
@@ -268,7 +265,7 @@ impl Contact {
         let contact = ContactPoint {
             element: at.element,
             n: at.n,
-            position_m: body.point(at).to_array(),
+            position_m: field.c.to_array(),
             delta_z_m: field.depth,
             delta_r_m: field.lateral,
         };

@@ -1,7 +1,9 @@
 //! The force law: local frame, deflection, mixed responses, stored energy (paper, (1) to (5); MODEL 2).
 
+use crate::walk::rates;
 use glam::DVec3;
 use palpate_body::{Body, Node, Rows, Sample, SurfacePoint};
+use std::array::from_fn;
 
 /// Which interpolations are taken away, as in the paper's section 5: either makes the force jump at mesh edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -69,26 +71,28 @@ enum Mix {
 /// The state of the force law at one contact point and tip.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Field {
-    /// û_c, into the body.
-    pub u: DVec3,
-    /// |Σ n u| before normalising.
-    pub u_length: f64,
+    /// c, m.
+    pub c: DVec3,
+    /// Σ n u, whose direction is û_c.
+    frame: DVec3,
+    /// Its length.
+    frame_length: f64,
     /// δz, m.
     pub depth: f64,
     /// δr, m.
     pub lateral: f64,
     /// Direction of the lateral deflection; zero where there is none.
     pub u_r: DVec3,
-    /// f_c^z, its slope, its energy.
-    pub normal: Sample,
-    /// μ_c.
-    pub friction: f64,
-    /// Its slope, 1/m.
-    pub friction_slope: f64,
-    /// f_c^r, its slope, its energy.
-    pub pull: Sample,
+    /// f_c^z, N.
+    pub normal: f64,
+    /// f_c^r, N.
+    pub pull: f64,
+    /// Its slope, N/m.
+    pub pull_slope: f64,
     /// Friction limit L = μ f^z, N.
     pub limit: f64,
+    /// W(c, δ) = F^z(δz) + F^r(δr), J.
+    pub energy: f64,
 }
 
 impl<'a> Site<'a> {
@@ -105,6 +109,16 @@ impl<'a> Site<'a> {
             Mix::Wide
         };
         Site { body, law, element, nodes, mix, depth: Rows::NONE, lateral: Rows::NONE }
+    }
+
+    /// Another element; the curves stay where it mixes the same test points.
+    #[inline]
+    pub fn move_to(&mut self, element: u32) {
+        let before = *self;
+        *self = Site::new(self.body, self.law, element);
+        if self.mix == Mix::Shared && before.mix == Mix::Shared && self.points() == before.points() {
+            (self.depth, self.lateral) = (before.depth, before.lateral);
+        }
     }
 
     /// Corner positions, m.
@@ -128,13 +142,13 @@ impl<'a> Site<'a> {
             Mix::Own => n,
             Mix::Shared | Mix::Wide => {
                 let [a, b, c] = self.nodes.map(|n| n.weights);
-                std::array::from_fn(|j| n[0] * a[j] + n[1] * b[j] + n[2] * c[j])
+                from_fn(|j| n[0] * a[j] + n[1] * b[j] + n[2] * c[j])
             }
         }
     }
 
     /// The mixed intervals of the normal and friction curves and of the lateral curve. `n` mixes the nodes.
-    #[inline]
+    #[inline(always)]
     fn mixed(&mut self, n: [f64; 3], depth: f64, lateral: f64) -> ([f64; 9], [f64; 5]) {
         if self.mix == Mix::Wide {
             return self.mixed_widely(n, depth, lateral);
@@ -181,56 +195,73 @@ impl<'a> Site<'a> {
     /// Frame (2), deflection, and mixed responses (5) for area coordinates `n` and tool reference point `tip`.
     #[inline(always)]
     pub fn evaluate(&mut self, n: [f64; 3], tip: DVec3) -> Field {
+        let [p, q, r] = self.corners();
+        let c = p + (q - p) * n[1] + (r - p) * n[2];
+        let offset = tip - c;
+        // δ_t from the frame before it is normalised: the square root need not be waited for.
         let frame = self.frame(n);
-        let u_length = frame.length();
-        let u = frame * (1.0 / u_length);
-
-        // x = p + R û: the radius adds to the depth and leaves the lateral part alone.
-        let [a, b, c] = self.corners();
-        let offset = tip - (a + (b - a) * n[1] + (c - a) * n[2]);
-        let height = offset.dot(u);
-        let depth = height + self.law.radius_m;
-        let tangential = offset - u * height;
+        let (square, along) = (frame.length_squared(), offset.dot(frame));
+        let tangential = offset - frame * (along / square);
         let lateral = tangential.length();
         let u_r = if lateral > 0.0 { tangential * (1.0 / lateral) } else { DVec3::ZERO };
+        let frame_length = square.sqrt();
+        // x = p + R û: the radius adds to the depth and leaves the lateral part alone.
+        let depth = along / frame_length + self.law.radius_m;
 
-        let mixed_at = if self.law.interpolates_responses() { n } else { [1.0 / 3.0; 3] };
         let ([integral, z0, z1, z2, z3, m0, m1, m2, m3], [r_integral, r0, r1, r2, r3]) =
-            self.mixed(mixed_at, depth, lateral);
-        let t = self.depth.distance(depth);
-        let normal = if depth > 0.0 { Sample::at(integral, [z0, z1, z2, z3], t) } else { Sample::default() };
-        let friction = Sample::at(0.0, [m0, m1, m2, m3], t);
-        let (friction, friction_slope) = (friction.value, friction.slope);
-        let pull = Sample::at(r_integral, [r0, r1, r2, r3], self.lateral.distance(lateral));
+            self.mixed(self.response_coordinates(n), depth, lateral);
+        let (t, s) = (self.depth.distance(depth), self.lateral.distance(lateral));
+        // Both forces' polynomials side by side: values, then integrals.
+        let (x, a, b, c2, d) = ([t, s], [z0, r0], [z1, r1], [z2, r2], [z3, r3]);
+        let [normal, pull]: [f64; 2] = from_fn(|i| a[i] + x[i] * (b[i] + x[i] * (c2[i] + x[i] * d[i])));
+        let [stored, strain]: [f64; 2] = from_fn(|i| {
+            x[i] * (a[i] + x[i] * (b[i] * 0.5 + x[i] * (c2[i] * (1.0 / 3.0) + x[i] * (d[i] * 0.25))))
+        });
+        let (normal, stored) = if depth > 0.0 { (normal, integral + stored) } else { (0.0, 0.0) };
         Field {
-            u,
-            u_length,
+            c,
+            frame,
+            frame_length,
             depth,
             lateral,
             u_r,
             normal,
-            friction,
-            friction_slope,
             pull,
-            limit: friction * normal.value,
+            pull_slope: r1 + s * (2.0 * r2 + s * (3.0 * r3)),
+            limit: (m0 + t * (m1 + t * (m2 + t * m3))) * normal,
+            energy: stored + (r_integral + strain),
         }
     }
 
-    /// How `f`, just evaluated at this site, changes while the area coordinates move at the rates `r`.
-    #[inline(always)]
-    pub fn drift(&mut self, f: &Field, r: [f64; 3]) -> Drift {
-        let [a, b, c] = self.corners();
-        let t = (b - a) * r[1] + (c - a) * r[2];
+    /// The area coordinates that mix the responses.
+    #[inline]
+    fn response_coordinates(&self, n: [f64; 3]) -> [f64; 3] {
+        if self.law.interpolates_responses() { n } else { [1.0 / 3.0; 3] }
+    }
+
+    /// [`rates`] in this element.
+    #[inline]
+    pub fn rates(&self, v: DVec3) -> [f64; 3] {
+        rates(self.corners(), v)
+    }
+
+    /// How `f`, just evaluated here at `n`, changes while c moves with the projection of `v`.
+    #[inline(never)]
+    pub fn drift(&mut self, n: [f64; 3], f: &Field, v: DVec3) -> Drift {
+        let r = self.rates(v);
+        let [p, q, s] = self.corners();
+        let t = (q - p) * r[1] + (s - p) * r[2];
+        let u = f.u();
         let du = if self.law.interpolates_frames() {
             let turn = self.frame(r);
-            (turn - f.u * f.u.dot(turn)) * (1.0 / f.u_length)
+            (turn - u * u.dot(turn)) * (1.0 / f.frame_length)
         } else {
             DVec3::ZERO
         };
 
         // δ = p − c changes by −t, and with it δz = δ·û + R and δ_t = δ − (δ·û) û.
-        let d_depth = f.lateral * f.u_r.dot(du) - t.dot(f.u);
-        let d_tangential = -t - f.u * d_depth - du * (f.depth - self.law.radius_m);
+        let d_depth = f.lateral * f.u_r.dot(du) - t.dot(u);
+        let d_tangential = -t - u * d_depth - du * (f.depth - self.law.radius_m);
         let d_lateral = f.u_r.dot(d_tangential);
         let du_r = if f.lateral > 0.0 {
             (d_tangential - f.u_r * d_lateral) * (1.0 / f.lateral)
@@ -239,18 +270,26 @@ impl<'a> Site<'a> {
         };
 
         // (5) is linear in the area coordinates: their rates mix the responses' own gradient.
-        let r = if self.law.interpolates_responses() { r } else { [0.0; 3] };
-        let ([_, z0, z1, z2, z3, m0, m1, m2, m3], [_, r0, r1, r2, r3]) = self.mixed(r, f.depth, f.lateral);
-        let (t, s) = (self.depth.distance(f.depth), self.lateral.distance(f.lateral));
-        let normal = if f.depth > 0.0 { z0 + t * (z1 + t * (z2 + t * z3)) } else { 0.0 };
-        let friction = m0 + t * (m1 + t * (m2 + t * m3));
-        let pull = r0 + s * (r1 + s * (r2 + s * r3));
+        let (normal, friction, _) = self.samples(self.response_coordinates(n), f);
+        let along = if self.law.interpolates_responses() { r } else { [0.0; 3] };
+        let (normal_gradient, friction_gradient, pull_gradient) = self.samples(along, f);
 
-        let d_normal = f.normal.slope * d_depth + normal;
-        let d_pull = f.pull.slope * d_lateral + pull;
-        let limit = f.limit_slope() * d_depth + friction * f.normal.value + f.friction * normal;
-        let force = f.u * d_normal + du * f.normal.value + f.u_r * d_pull + du_r * f.pull.value;
-        Drift { force, pull: d_pull, limit }
+        let d_normal = normal.slope * d_depth + normal_gradient.value;
+        let d_pull = f.pull_slope * d_lateral + pull_gradient.value;
+        let limit_slope = friction.slope * normal.value + friction.value * normal.slope;
+        let limit = limit_slope * d_depth
+            + friction_gradient.value * normal.value
+            + friction.value * normal_gradient.value;
+        let force = u * d_normal + du * f.normal + f.u_r * d_pull + du_r * f.pull;
+        Drift { force, normal_slope: normal.slope, limit_slope, eta: limit - d_pull }
+    }
+
+    /// Normal, friction and lateral curves mixed with `n` at the deflections of `f`.
+    fn samples(&mut self, n: [f64; 3], f: &Field) -> (Sample, Sample, Sample) {
+        let ([i, z0, z1, z2, z3, m0, m1, m2, m3], [j, r0, r1, r2, r3]) = self.mixed(n, f.depth, f.lateral);
+        let (t, s) = (self.depth.distance(f.depth), self.lateral.distance(f.lateral));
+        let normal = if f.depth > 0.0 { Sample::at(i, [z0, z1, z2, z3], t) } else { Sample::default() };
+        (normal, Sample::at(0.0, [m0, m1, m2, m3], t), Sample::at(j, [r0, r1, r2, r3], s))
     }
 }
 
@@ -265,36 +304,24 @@ impl Field {
     /// (4): the force on the body, N.
     #[inline]
     pub(crate) fn force(&self) -> DVec3 {
-        self.u * self.normal.value + self.u_r * self.pull.value
+        self.u() * self.normal + self.u_r * self.pull
     }
 
-    /// W(c, δ) = F^z(δz) + F^r(δr), J.
+    /// û_c, into the body.
     #[inline]
-    pub(crate) fn energy(&self) -> f64 {
-        self.normal.energy + self.pull.energy
-    }
-
-    /// (μ f^z)', N/m.
-    #[inline]
-    pub(crate) fn limit_slope(&self) -> f64 {
-        self.friction_slope * self.normal.value + self.friction * self.normal.slope
+    fn u(&self) -> DVec3 {
+        self.frame * (1.0 / self.frame_length)
     }
 }
 
-/// Rates of a field while the contact point moves at a fixed tip.
+/// How a field changes while the contact point moves at a fixed tip.
 pub(crate) struct Drift {
-    /// Of f_c, N/m.
+    /// Rate of f_c, N/m.
     pub force: DVec3,
-    /// Of f_r, N/m.
-    pub pull: f64,
-    /// Of L, N/m.
-    pub limit: f64,
-}
-
-impl Drift {
-    /// η = d(L − f_r)/ds of MODEL 5, certificate S: how fast slip takes the drive to its limit, N/m.
-    #[inline]
-    pub(crate) fn eta(&self) -> f64 {
-        self.limit - self.pull
-    }
+    /// f_z', N/m.
+    pub normal_slope: f64,
+    /// (μ f_z)', N/m.
+    pub limit_slope: f64,
+    /// d(L − f_r)/ds of MODEL 5, certificate S: how fast slip takes the drive to its limit, N/m.
+    pub eta: f64,
 }

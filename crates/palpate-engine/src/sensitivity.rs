@@ -1,7 +1,6 @@
 //! How fast the force can change: the Lipschitz bound of MODEL 5 at one state, for measuring clicks against.
 
 use crate::field::{Law, Site};
-use crate::walk::rates;
 use glam::DVec3;
 use palpate_body::{Body, SurfacePoint};
 
@@ -11,13 +10,13 @@ use palpate_body::{Body, SurfacePoint};
 pub(crate) fn lipschitz(body: &Body, law: Law, at: SurfacePoint, tip: DVec3) -> Option<f64> {
     let mut site = Site::new(body, law, at.element);
     let f = site.evaluate(at.n, tip);
+    let drift = site.drift(at.n, &f, f.u_r);
     // Below a picometre the lateral deflection is rounding, and its direction noise.
     if f.lateral < 1e-12 {
-        return Some(f.normal.slope.max(f.pull.slope));
+        return Some(drift.normal_slope.max(f.pull_slope));
     }
-    let stick = f.normal.slope.max(f.pull.slope).max(f.pull.value / f.lateral);
-    let drift = site.drift(&f, rates(site.corners(), f.u_r));
+    let stick = drift.normal_slope.max(f.pull_slope).max(f.pull / f.lateral);
     // φ = f_r − μ f_z; its gradient in x lies along u_r and û.
-    let gradient = f.pull.slope.hypot(f.limit_slope());
-    (drift.eta() > 0.0).then(|| stick + drift.force.length() * gradient / drift.eta())
+    let gradient = f.pull_slope.hypot(drift.limit_slope);
+    (drift.eta > 0.0).then(|| stick + drift.force.length() * gradient / drift.eta)
 }

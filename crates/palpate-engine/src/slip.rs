@@ -2,7 +2,7 @@
 //! MODEL 4, rule `paper`).
 
 use crate::field::{Field, Site};
-use crate::walk::{Launch, Stop, launch, rates, walk};
+use crate::walk::{Launch, Stop, inside, launch, walk};
 use glam::DVec3;
 use palpate_body::SurfacePoint;
 
@@ -27,46 +27,64 @@ pub(crate) enum End {
     Capped,
 }
 
-/// Where the contact point came to rest.
+/// What a slip took.
 pub(crate) struct Slipped {
-    pub at: SurfacePoint,
-    pub field: Field,
-    pub moved: bool,
     pub end: End,
     pub evaluations: u32,
     pub crossings: u32,
+}
+
+/// How far the contact point ran for each newton of drive in the last slips of a contact, m/N; 0 where there was none.
+///
+/// From one step of a drag to the next this changes smoothly: drawn on through the last three values it nearly always
+/// saves the search its derivative, and often an iterate. It is a first guess and no more.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Pace([f64; 3]);
+
+impl Pace {
+    #[inline]
+    fn guess(self) -> f64 {
+        let [a, b, c] = self.0;
+        let smooth = (a - b).abs() < 0.02 * a && (b - c).abs() < 0.02 * a;
+        if smooth { 3.0 * (a - b) + c } else { a }
+    }
+
+    #[inline]
+    fn learn(&mut self, ease: f64) {
+        self.0 = [ease, self.0[0], self.0[1]];
+    }
 }
 
 /// The slip search: where the contact point is, what the law reads there, and what is left of the bounds.
 struct Search<'s, 'a> {
     site: &'s mut Site<'a>,
     tip: DVec3,
-    at: SurfacePoint,
-    field: Field,
+    at: &'s mut SurfacePoint,
+    field: &'s mut Field,
+    pace: &'s mut Pace,
     evaluations: u32,
     crossings: u32,
 }
 
 /// Lets the contact point run from `at`, where the law reads `field`. `site` is at's element.
 #[inline]
-pub(crate) fn slip(site: &mut Site, at: SurfacePoint, field: Field, tip: DVec3) -> Slipped {
-    let mut search = Search { site, tip, at, field, evaluations: MAX_EVALUATIONS, crossings: MAX_CROSSINGS };
+pub(crate) fn slip(
+    site: &mut Site,
+    at: &mut SurfacePoint,
+    field: &mut Field,
+    tip: DVec3,
+    pace: &mut Pace,
+) -> Slipped {
+    let (evaluations, crossings) = (MAX_EVALUATIONS, MAX_CROSSINGS);
+    let mut search = Search { site, tip, at, field, pace, evaluations, crossings };
     let end = search.run();
-    let Search { at: end_at, field, evaluations, crossings, .. } = search;
-    Slipped {
-        at: end_at,
-        field,
-        moved: end_at != at,
-        end,
-        evaluations: MAX_EVALUATIONS - evaluations,
-        crossings: MAX_CROSSINGS - crossings,
-    }
+    Slipped { end, evaluations: evaluations - search.evaluations, crossings: crossings - search.crossings }
 }
 
 impl Search<'_, '_> {
     fn run(&mut self) -> End {
         let mut stalled = 0;
-        while !within(self.field.pull.value, &self.field) {
+        while !within(self.field.pull, self.field) {
             if self.evaluations == 0 || self.crossings == 0 {
                 return End::Capped;
             }
@@ -74,13 +92,18 @@ impl Search<'_, '_> {
                 Ok(v) => v,
                 Err(end) => return end,
             };
-            let start = self.at;
-            if self.newton(v) {
+            let start = *self.at;
+            if self.newton(v, self.pace.guess()) {
                 stalled = 0;
                 continue;
             }
-            self.at = start;
-            self.evaluate_again();
+            self.back_to(start);
+            let eta = self.site.drift(self.at.n, self.field, v).eta;
+            if self.newton(v, 1.0 / eta) {
+                stalled = 0;
+                continue;
+            }
+            self.back_to(start);
             // Two sides that send the point to each other make no way.
             stalled = if self.line(v) < CLOSED { stalled + 1 } else { 0 };
             if stalled > 2 {
@@ -99,57 +122,69 @@ impl Search<'_, '_> {
         }
         let (body, law, tip) = (self.site.body, self.site.law, self.tip);
         let way = if law.is_continuous() && !body.has_creases() {
-            launch(body, self.at, |_| u_r)
+            launch(body, *self.at, |_| u_r)
         } else {
-            launch(body, self.at, |there| law.evaluate(body, there, tip).u_r)
+            launch(body, *self.at, |there| law.evaluate(body, there, tip).u_r)
         };
         let (there, v) = match way {
             Launch::Held => return Err(End::Blocked),
             Launch::Border => return Err(End::Border),
             // On an edge only the component along it drives.
-            Launch::Edge(_, along) if within(self.field.pull.value * u_r.dot(along), &self.field) => {
+            Launch::Edge(_, along) if within(self.field.pull * u_r.dot(along), self.field) => {
                 return Err(End::Blocked);
             }
             Launch::Edge(there, along) => (there, Some(along)),
             Launch::Along(there) => (there, None),
         };
         if there.element != self.at.element {
-            self.at = there;
+            *self.at = there;
             self.evaluate_again();
         }
         Ok(v.unwrap_or(self.field.u_r))
     }
 
-    /// Newton's method on f_r − L, each time along the drive of the moment: three evaluations where the body is
-    /// smooth. False if it does not close in, and a slower search has to do.
+    /// Newton's method on f_r − L, each time along the drive of the moment; the first time with the reciprocal slope
+    /// `ease`, m/N, then with the secant's. Two or three evaluations where the body is smooth. False if it does not
+    /// close in, and a slower search has to do.
     ///
-    /// Its first iterate without the curvature and the gradients would be the paper's |δr − δs|.
+    /// Its first iterate with the slope f_r' would be the paper's |δr − δs|.
     #[inline]
-    fn newton(&mut self, v: DVec3) -> bool {
-        let mut v = v;
-        let mut excess = self.field.pull.value * self.field.u_r.dot(v) - self.field.limit;
-        let mut r = rates(self.site.corners(), v);
-        let mut slope = self.site.drift(&self.field, r).eta();
-        let least = 0.1 * self.field.pull.slope;
-        while self.evaluations > 0 && slope > least {
-            let way = excess / slope;
-            let (at, _, stop) =
-                walk(self.site.body, self.at, v * way, r.map(|r| r * way), &mut self.crossings);
-            self.at = at;
+    fn newton(&mut self, v: DVec3, ease: f64) -> bool {
+        // Slopes between a tenth and ten times f_r' are believed.
+        let stiffness = self.field.pull_slope;
+        let believable = |ease: f64| ease * stiffness < 10.0 && ease * stiffness > 0.1;
+        let (mut v, mut ease, mut travelled) = (v, ease, 0.0);
+        let first = self.field.pull * self.field.u_r.dot(v) - self.field.limit;
+        let mut excess = first;
+        while self.evaluations > 0 && believable(ease) {
+            let way = excess * ease;
+            let r = self.site.rates(v).map(|r| r * way);
+            let mut stop = Stop::Reached;
+            match inside(self.at.n, r) {
+                Some(n) => self.at.n = n,
+                None => (*self.at, _, stop) = walk(self.site.body, *self.at, v * way, r, &mut self.crossings),
+            }
             self.evaluate();
+            travelled += way;
             // Seen along the old drive: past the root it has changed sides where L is nearly 0.
-            let seen = self.field.pull.value * self.field.u_r.dot(v) - self.field.limit;
-            let now = self.field.pull.value - self.field.limit;
-            if now.abs() <= tolerance(&self.field) || stop != Stop::Reached {
+            let seen = self.field.pull * self.field.u_r.dot(v) - self.field.limit;
+            let now = self.field.pull - self.field.limit;
+            if now.abs() <= tolerance(self.field) {
+                // What is left would be closed by one more iterate: learn as if it had been.
+                if now.abs() < 0.1 * first {
+                    self.pace.learn((travelled + now * ease) / first);
+                }
+                return true;
+            }
+            if stop != Stop::Reached {
                 return true;
             }
             if now.abs() > 0.5 * excess.abs() {
                 return false;
             }
-            slope = (excess - seen) / way;
+            ease = way / (excess - seen);
             excess = now;
             v = self.field.u_r;
-            r = rates(self.site.corners(), v);
         }
         false
     }
@@ -162,29 +197,29 @@ impl Search<'_, '_> {
     #[cold]
     #[inline(never)]
     fn line(&mut self, v: DVec3) -> f64 {
-        let drive = |f: &Field| f.pull.value * f.u_r.dot(v) - f.limit;
-        let (mut s, mut g) = (0.0, drive(&self.field));
+        let drive = |f: &Field| f.pull * f.u_r.dot(v) - f.limit;
+        let (mut s, mut g) = (0.0, drive(self.field));
         if g <= 0.0 {
             return 0.0;
         }
         // Largest s with g > 0, and the least with g < 0 with what is there.
         let mut low = 0.0;
         let mut high: Option<(f64, SurfacePoint)> = None;
-        let eta = self.site.drift(&self.field, rates(self.site.corners(), v)).eta();
+        let eta = self.site.drift(self.at.n, self.field, v).eta;
         let mut target =
-            g / if eta > 0.1 * self.field.pull.slope { eta } else { self.field.pull.slope.max(1e-9) };
+            g / if eta > 0.1 * self.field.pull_slope { eta } else { self.field.pull_slope.max(1e-9) };
         let mut tries = 0;
         while self.evaluations > 0 {
             let way = target - s;
-            let r = rates(self.site.corners(), v * way);
-            let (at, part, stop) = walk(self.site.body, self.at, v * way, r, &mut self.crossings);
-            self.at = at;
+            let r = self.site.rates(v * way);
+            let (at, part, stop) = walk(self.site.body, *self.at, v * way, r, &mut self.crossings);
+            *self.at = at;
             self.evaluate_again();
             let (s_before, g_before) = (s, g);
             s += part * way;
-            g = drive(&self.field);
+            g = drive(self.field);
             tries += 1;
-            if g.abs() <= tolerance(&self.field) {
+            if g.abs() <= tolerance(self.field) {
                 return s;
             }
             if g > 0.0 {
@@ -193,13 +228,13 @@ impl Search<'_, '_> {
                     return s;
                 }
             } else {
-                high = Some((s, self.at));
+                high = Some((s, *self.at));
             }
             let secant = s - g * (s - s_before) / (g - g_before);
             target = match high {
                 Some((end, there)) if end - low <= CLOSED => {
                     // A jump of the frame or the response: rest on its far side, within the limit.
-                    self.at = there;
+                    *self.at = there;
                     self.evaluate_again();
                     return end;
                 }
@@ -216,9 +251,9 @@ impl Search<'_, '_> {
     fn evaluate(&mut self) {
         self.evaluations = self.evaluations.saturating_sub(1);
         if self.site.element != self.at.element {
-            *self.site = Site::new(self.site.body, self.site.law, self.at.element);
+            self.site.move_to(self.at.element);
         }
-        self.field = self.site.evaluate(self.at.n, self.tip);
+        *self.field = self.site.evaluate(self.at.n, self.tip);
     }
 
     /// The same off the fast path.
@@ -226,6 +261,15 @@ impl Search<'_, '_> {
     #[inline(never)]
     fn evaluate_again(&mut self) {
         self.evaluate();
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn back_to(&mut self, at: SurfacePoint) {
+        if *self.at != at {
+            *self.at = at;
+            self.evaluate();
+        }
     }
 }
 
@@ -238,5 +282,5 @@ pub(crate) fn within(force: f64, field: &Field) -> bool {
 /// 10⁻⁹ of the limit and 10⁻¹² m of lateral deflection, N: what rounding leaves of coordinates of a metre.
 #[inline]
 fn tolerance(field: &Field) -> f64 {
-    1e-9 * field.limit + 1e-12 * field.pull.slope
+    1e-6 * field.limit + 1e-12 * field.pull_slope
 }

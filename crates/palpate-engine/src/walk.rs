@@ -40,6 +40,14 @@ pub(crate) fn rates(corners: [DVec3; 3], v: DVec3) -> [f64; 3] {
     [-(r1 + r2), r1, r2]
 }
 
+/// The area coordinates after a move `r` that stays in the element.
+#[inline]
+pub(crate) fn inside(n: [f64; 3], r: [f64; 3]) -> Option<[f64; 3]> {
+    let (n1, n2) = (n[1] + r[1], n[2] + r[2]);
+    let n0 = 1.0 - n1 - n2;
+    (n0 >= 0.0 && n1 >= 0.0 && n2 >= 0.0).then_some([n0, n1, n2])
+}
+
 /// Moves `at` by the projection of the displacement `way` (m) on each element that it comes through. Returns where it
 /// ended, what part of the way that was, and why it ended. `r` are the [`rates`] of `way` in the first element.
 ///
@@ -54,10 +62,8 @@ pub(crate) fn walk(
 ) -> (SurfacePoint, f64, Stop) {
     let mut left = 1.0;
     loop {
-        let [_, n1, n2] = ahead(at.n, r, left);
-        let n0 = 1.0 - n1 - n2;
-        if n0 >= 0.0 && n1 >= 0.0 && n2 >= 0.0 {
-            at.n = [n0, n1, n2];
+        if let Some(n) = inside(at.n, r.map(|r| r * left)) {
+            at.n = n;
             return (at, 1.0, Stop::Reached);
         }
         // The first coordinate to reach zero. One that stands at zero and moves by rounding alone stays.
@@ -70,13 +76,20 @@ pub(crate) fn walk(
                 exit = Some(i);
             }
         }
-        at.n = ahead(at.n, r, time).map(|n| n.max(0.0));
+        at.n = ahead(at.n, r, time);
         left -= time;
-        if let Some(n) = exit.and_then(|i| at.n.get_mut(i)) {
-            *n = 0.0;
-        }
-        normalise(&mut at.n);
-        let Some(opposite) = exit else { return (at, 1.0, Stop::Reached) };
+        let Some(opposite) = exit else {
+            let [n0, n1, n2] = at.n.map(|n| n.max(0.0));
+            at.n = [n0 / (n0 + n1 + n2), n1 / (n0 + n1 + n2), n2 / (n0 + n1 + n2)];
+            return (at, 1.0, Stop::Reached);
+        };
+        // On the edge exactly.
+        let along = pick(at.n, opposite + 1).clamp(0.0, 1.0);
+        at.n = match opposite {
+            0 => [0.0, along, 1.0 - along],
+            1 => [1.0 - along, 0.0, along],
+            _ => [along, 1.0 - along, 0.0],
+        };
         if *crossings == 0 {
             return (at, 1.0 - left, Stop::Cap);
         }
@@ -210,10 +223,4 @@ fn step_over(body: &Body, at: SurfacePoint, opposite: usize) -> Option<(SurfaceP
         _ => [start, 0.0, end],
     };
     Some((SurfacePoint { element, n }, (j + 2) % 3))
-}
-
-#[inline]
-fn normalise(n: &mut [f64; 3]) {
-    let scale = 1.0 / (n[0] + n[1] + n[2]);
-    *n = [n[0] * scale, n[1] * scale, n[2] * scale];
 }
