@@ -290,6 +290,16 @@ impl Body {
         nodes.map(|n| self.nodes.get(n as usize).unwrap_or(&NO_NODE))
     }
 
+    /// One node of an element.
+    ///
+    /// # Real-time
+    /// As [`Body::element_nodes`].
+    #[inline]
+    pub fn element_node(&self, element: u32, corner: usize) -> &Node {
+        let node = self.elements.get(element as usize).and_then(|e| e.nodes.get(corner)).copied();
+        self.nodes.get(node.unwrap_or(0) as usize).unwrap_or(&NO_NODE)
+    }
+
     /// The corner positions of an element, m.
     ///
     /// # Real-time

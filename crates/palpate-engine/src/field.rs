@@ -1,6 +1,6 @@
 //! The force law: local frame, deflection, mixed responses, stored energy (paper, (1) to (5); MODEL 2).
 
-use crate::walk::rates;
+use crate::walk::Rates;
 use glam::DVec3;
 use palpate_body::{Body, Node, Rows, Sample, SurfacePoint};
 use std::array::from_fn;
@@ -239,16 +239,16 @@ impl<'a> Site<'a> {
         if self.law.interpolates_responses() { n } else { [1.0 / 3.0; 3] }
     }
 
-    /// [`rates`] in this element.
+    /// [`Rates`] in this element.
     #[inline]
-    pub fn rates(&self, v: DVec3) -> [f64; 3] {
-        rates(self.corners(), v)
+    pub fn rates(&self, v: DVec3) -> Rates {
+        Rates::new(self.corners(), v)
     }
 
     /// How `f`, just evaluated here at `n`, changes while c moves with the projection of `v`.
     #[inline(never)]
     pub fn drift(&mut self, n: [f64; 3], f: &Field, v: DVec3) -> Drift {
-        let r = self.rates(v);
+        let r = self.rates(v).each();
         let [p, q, s] = self.corners();
         let t = (q - p) * r[1] + (s - p) * r[2];
         let u = f.u();

@@ -2,7 +2,7 @@
 //! MODEL 4, rule `paper`).
 
 use crate::field::{Field, Site};
-use crate::walk::{Launch, Stop, inside, launch, walk};
+use crate::walk::{Launch, Stop, launch, walk};
 use glam::DVec3;
 use palpate_body::SurfacePoint;
 
@@ -158,11 +158,15 @@ impl Search<'_, '_> {
         let mut excess = first;
         while self.evaluations > 0 && believable(ease) {
             let way = excess * ease;
-            let r = self.site.rates(v).map(|r| r * way);
+            let rates = self.site.rates(v * way.signum());
             let mut stop = Stop::Reached;
-            match inside(self.at.n, r) {
+            match rates.inside(self.at.n, way.abs()) {
                 Some(n) => self.at.n = n,
-                None => (*self.at, _, stop) = walk(self.site.body, *self.at, v * way, r, &mut self.crossings),
+                None => {
+                    let v = v * way.signum();
+                    (*self.at, _, stop) =
+                        walk(self.site.body, *self.at, v, way.abs(), rates, &mut self.crossings);
+                }
             }
             self.evaluate();
             travelled += way;
@@ -211,12 +215,14 @@ impl Search<'_, '_> {
         let mut tries = 0;
         while self.evaluations > 0 {
             let way = target - s;
-            let r = self.site.rates(v * way);
-            let (at, part, stop) = walk(self.site.body, *self.at, v * way, r, &mut self.crossings);
+            let along = v * way.signum();
+            let rates = self.site.rates(along);
+            let (at, walked, stop) =
+                walk(self.site.body, *self.at, along, way.abs(), rates, &mut self.crossings);
             *self.at = at;
             self.evaluate_again();
             let (s_before, g_before) = (s, g);
-            s += part * way;
+            s += walked * way.signum();
             g = drive(self.field);
             tries += 1;
             if g.abs() <= tolerance(self.field) {
@@ -279,7 +285,7 @@ pub(crate) fn within(force: f64, field: &Field) -> bool {
     force - field.limit <= tolerance(field)
 }
 
-/// 10⁻⁹ of the limit and 10⁻¹² m of lateral deflection, N: what rounding leaves of coordinates of a metre.
+/// 10⁻⁶ of the limit, a microNewton of a newton, and 10⁻¹² m of lateral deflection, N.
 #[inline]
 fn tolerance(field: &Field) -> f64 {
     1e-6 * field.limit + 1e-12 * field.pull_slope

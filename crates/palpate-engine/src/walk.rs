@@ -29,85 +29,117 @@ pub(crate) enum Launch {
     Held,
 }
 
-/// Rates of the area coordinates when the contact point moves with the projection of `v` on the element's plane.
-#[inline]
-pub(crate) fn rates(corners: [DVec3; 3], v: DVec3) -> [f64; 3] {
-    let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);
-    let (a, b, c) = (e1.length_squared(), e1.dot(e2), e2.length_squared());
-    let (v1, v2) = (v.dot(e1), v.dot(e2));
-    let scale = 1.0 / (a * c - b * b);
-    let (r1, r2) = ((c * v1 - b * v2) * scale, (a * v2 - b * v1) * scale);
-    [-(r1 + r2), r1, r2]
+/// How the area coordinates change when the contact point moves with the projection of a vector on an element's
+/// plane. Held undivided, so that a walk from edge to edge divides once an edge.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Rates {
+    /// Rates × `scale`.
+    r: [f64; 3],
+    /// Four times the squared area, m⁴.
+    scale: f64,
 }
 
-/// The area coordinates after a move `r` that stays in the element.
-#[inline]
-pub(crate) fn inside(n: [f64; 3], r: [f64; 3]) -> Option<[f64; 3]> {
-    let (n1, n2) = (n[1] + r[1], n[2] + r[2]);
-    let n0 = 1.0 - n1 - n2;
-    (n0 >= 0.0 && n1 >= 0.0 && n2 >= 0.0).then_some([n0, n1, n2])
+impl Rates {
+    #[inline]
+    pub fn new(corners: [DVec3; 3], v: DVec3) -> Self {
+        let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);
+        let (a, b, c) = (e1.length_squared(), e1.dot(e2), e2.length_squared());
+        let (v1, v2) = (v.dot(e1), v.dot(e2));
+        let (r1, r2) = (c * v1 - b * v2, a * v2 - b * v1);
+        Rates { r: [-(r1 + r2), r1, r2], scale: a * c - b * b }
+    }
+
+    /// The rate of each coordinate, 1/m for a unit vector.
+    #[inline]
+    pub fn each(&self) -> [f64; 3] {
+        let per = 1.0 / self.scale;
+        self.r.map(|r| r * per)
+    }
+
+    /// Whether coordinate `i` falls.
+    #[inline]
+    fn falls(&self, i: usize) -> bool {
+        pick(self.r, i) < 0.0
+    }
+
+    /// The coordinates after the distance `s`, if that does not leave the element.
+    #[inline]
+    pub fn inside(&self, n: [f64; 3], s: f64) -> Option<[f64; 3]> {
+        let s = s * (1.0 / self.scale);
+        let (n1, n2) = (n[1] + self.r[1] * s, n[2] + self.r[2] * s);
+        let n0 = 1.0 - n1 - n2;
+        (n0 >= 0.0 && n1 >= 0.0 && n2 >= 0.0).then_some([n0, n1, n2])
+    }
+
+    /// The coordinate that reaches zero first. One that stands at zero and moves by rounding alone stays.
+    #[inline]
+    fn exit(&self, n: [f64; 3]) -> Option<usize> {
+        let still = 1e-12 * (self.r[0].abs() + self.r[1].abs() + self.r[2].abs());
+        let mut exit: Option<(usize, f64, f64)> = None;
+        for (i, (n, fall)) in n.into_iter().zip(self.r.map(|r| -r)).enumerate() {
+            // n/fall is the least, compared crosswise.
+            if fall > still && exit.is_none_or(|(_, least, at)| n * at < least * fall) {
+                exit = Some((i, n, fall));
+            }
+        }
+        exit.map(|(i, ..)| i)
+    }
 }
 
-/// Moves `at` by the projection of the displacement `way` (m) on each element that it comes through. Returns where it
-/// ended, what part of the way that was, and why it ended. `r` are the [`rates`] of `way` in the first element.
+/// Moves `at` by the distance `s` with the projection of `v` on each element that it comes through. Returns where it
+/// ended, how far that was, and why it ended. `rates` are those of `v` in the first element.
 ///
 /// `crossings` is what is left of the step's bound.
 #[inline]
 pub(crate) fn walk(
     body: &Body,
     mut at: SurfacePoint,
-    way: DVec3,
-    mut r: [f64; 3],
+    v: DVec3,
+    s: f64,
+    mut rates: Rates,
     crossings: &mut u32,
 ) -> (SurfacePoint, f64, Stop) {
-    let mut left = 1.0;
+    let mut left = s;
+    let mut corners = body.corners(at.element);
     loop {
-        if let Some(n) = inside(at.n, r.map(|r| r * left)) {
+        if let Some(n) = rates.inside(at.n, left) {
             at.n = n;
-            return (at, 1.0, Stop::Reached);
+            return (at, s, Stop::Reached);
         }
-        // The first coordinate to reach zero. One that stands at zero and moves by rounding alone stays.
-        let still = -1e-12 * (r[0].abs() + r[1].abs() + r[2].abs());
-        let mut time = left;
-        let mut exit = None;
-        for (i, (&n, &rate)) in at.n.iter().zip(&r).enumerate() {
-            if rate < still && n <= -rate * time {
-                time = n / -rate;
-                exit = Some(i);
-            }
-        }
-        at.n = ahead(at.n, r, time);
-        left -= time;
-        let Some(opposite) = exit else {
-            let [n0, n1, n2] = at.n.map(|n| n.max(0.0));
-            at.n = [n0 / (n0 + n1 + n2), n1 / (n0 + n1 + n2), n2 / (n0 + n1 + n2)];
-            return (at, 1.0, Stop::Reached);
-        };
-        // On the edge exactly.
-        let along = pick(at.n, opposite + 1).clamp(0.0, 1.0);
+        // Nothing falls, and yet rounding took a coordinate below zero: it stands at an edge that it runs along.
+        let Some(opposite) = rates.exit(at.n) else { return (at, s, Stop::Reached) };
+        let fall = pick(at.n, opposite) / -pick(rates.r, opposite);
+        left -= fall * rates.scale;
+        let along = (pick(at.n, opposite + 1) + pick(rates.r, opposite + 1) * fall).clamp(0.0, 1.0);
         at.n = match opposite {
             0 => [0.0, along, 1.0 - along],
             1 => [1.0 - along, 0.0, along],
             _ => [along, 1.0 - along, 0.0],
         };
+        if left <= 0.0 {
+            return (at, s, Stop::Reached);
+        }
         if *crossings == 0 {
-            return (at, 1.0 - left, Stop::Cap);
+            return (at, s - left, Stop::Cap);
         }
         *crossings -= 1;
         let Some((beyond, apex)) = step_over(body, at, opposite) else {
-            return (at, 1.0 - left, Stop::Border);
+            return (at, s - left, Stop::Border);
         };
-        r = rates(body.corners(beyond.element), way);
-        if pick(r, apex) <= 0.0 {
-            return (at, 1.0 - left, Stop::Edge);
+        // Two corners are known; their order is turned round.
+        let (start, end) = (pick(corners, opposite + 1), pick(corners, opposite + 2));
+        let new = body.element_node(beyond.element, apex).position;
+        corners = match apex {
+            0 => [new, end, start],
+            1 => [start, new, end],
+            _ => [end, start, new],
+        };
+        rates = Rates::new(corners, v);
+        if pick(rates.r, apex) <= 0.0 {
+            return (at, s - left, Stop::Edge);
         }
         at = beyond;
     }
-}
-
-#[inline]
-fn ahead(n: [f64; 3], r: [f64; 3], time: f64) -> [f64; 3] {
-    [n[0] + r[0] * time, n[1] + r[1] * time, n[2] + r[2] * time]
 }
 
 /// Where the drive can take a contact point that may stand on an edge or a vertex. `drive` gives the drive as seen
@@ -156,12 +188,12 @@ fn from_edge(
 ) -> Launch {
     let corners = body.corners(at.element);
     let v = drive(at);
-    if pick(rates(corners, v), opposite) >= 0.0 {
+    if !Rates::new(corners, v).falls(opposite) {
         return Launch::Along(at);
     }
     let Some((beyond, apex)) = step_over(body, at, opposite) else { return Launch::Border };
     let seen_from_there = drive(beyond);
-    if pick(rates(body.corners(beyond.element), seen_from_there), apex) >= 0.0 {
+    if !Rates::new(body.corners(beyond.element), seen_from_there).falls(apex) {
         return Launch::Along(beyond);
     }
     let edge = (pick(corners, opposite + 2) - pick(corners, opposite + 1)).normalize_or_zero();
@@ -185,9 +217,10 @@ fn from_vertex(
         let here = SurfacePoint { element, n };
         let v = drive(here);
         let corners = body.corners(element);
-        let r = rates(corners, v);
+        let rates = Rates::new(corners, v);
         let [a, b, c] = [0, 1, 2].map(|i| pick(corners, corner + i));
-        if pick(r, corner + 1) >= 0.0 && pick(r, corner + 2) >= 0.0 {
+        if !rates.falls(corner + 1) && !rates.falls(corner + 2) {
+            let r = rates.each();
             let velocity = (b - a) * pick(r, corner + 1) + (c - a) * pick(r, corner + 2);
             let ascent = velocity.dot(v).max(0.0).sqrt();
             if ascent > best.0 {
