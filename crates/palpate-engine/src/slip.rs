@@ -6,9 +6,9 @@ use crate::walk::{Launch, Stop, launch, walk};
 use glam::DVec3;
 use palpate_body::SurfacePoint;
 
-/// Bound on evaluations of the force law a step.
+/// Bound on evaluations of the force law in a slip search.
 pub(crate) const MAX_EVALUATIONS: u32 = 64;
-/// Bound on edges crossed a step.
+/// Bound on edges crossed in a slip search.
 pub(crate) const MAX_CROSSINGS: u32 = 64;
 
 /// A bracket of the search is closed at this length, m: far below touch, far above the rounding of coordinates.

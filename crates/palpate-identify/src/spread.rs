@@ -1,9 +1,9 @@
 //! Which test points a node mixes: area interpolation from the mesh of test points (the paper's Fig. 7).
 //!
 //! That mesh is the dual of the test points' Voronoi cells on the surface: each vertex is labelled with the test
-//! point that is nearest along the surface, and an element whose vertices have three labels joins these three. A node is projected
-//! onto the dual triangles of its cell and of the cells around; where cells meet in pairs only (a strip, a rod) or not
-//! at all, segments and single points take the triangles' place.
+//! point that is nearest along the surface, and an element whose vertices have three labels joins these three. A node
+//! is projected onto the dual triangles of its cell and of the cells around; where cells meet in pairs only (a strip,
+//! a rod) or not at all, segments and single points take the triangles' place.
 
 use crate::error::FitError;
 use glam::DVec3;

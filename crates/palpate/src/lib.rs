@@ -29,3 +29,8 @@ pub mod vtu;
 
 pub use palpate_body::{Body, BodyError};
 pub use palpate_engine::{Ablation, Contact, Output, ToolPose};
+
+/// The README's example, compiled and run.
+#[cfg(doctest)]
+#[doc = include_str!("../../../README.md")]
+struct Readme;

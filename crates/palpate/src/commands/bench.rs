@@ -14,7 +14,8 @@ use std::time::Instant;
 /// begin, at random places.
 ///
 /// The median is that of batches of 64 steps in a row, divided by 64. The percentiles are those of steps timed one by
-/// one, less the time that reading the clock takes (measured first), but no less than the median. Other programs that run meanwhile count too.
+/// one, less the time that reading the clock takes (measured first), but no less than the median. Other programs that
+/// run meanwhile count too.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  palpate bench --triangles 528,50000 --json\n\n\
                         Exit status: 0 done, 1 wrong input, 2 wrong usage.")]

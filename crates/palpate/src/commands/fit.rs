@@ -18,9 +18,9 @@ use std::path::{Path, PathBuf};
 
 /// Make a body from a surface and force-deflection curves
 ///
-/// The surface is a mesh file (.stl .obj .ply .off .vtk .vtp) or a shape that the spec names. The curves are samples
-/// that were measured or computed elsewhere (CSV: point,x_m,y_m,z_m,component,deflection_m,value), or a law that the
-/// spec names. What was repaired or assumed is said on standard error, and kept in the body.
+/// The surface is a mesh file (.stl .obj .ply .off .vtk .vtu .vtp) or a shape that the spec names. The curves are
+/// samples that were measured or computed elsewhere (CSV: point,x_m,y_m,z_m,component,deflection_m,value), or a law
+/// that the spec names. What was repaired or assumed is said on standard error, and kept in the body.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  palpate fit --mesh liver.stl --unit mm --samples liver.csv -o liver.body\n  \
