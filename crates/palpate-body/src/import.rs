@@ -86,18 +86,31 @@ impl std::str::FromStr for LengthUnit {
 /// finite; an index out of range; counts that the file does not hold; solid cells; no triangle at all.
 pub fn read(path: &Path, unit: Option<LengthUnit>) -> Result<TriangleMesh> {
     let read = || {
-        let unit = unit.ok_or_else(|| {
-            let mend = "say it with `--unit m|cm|mm`, or with `[body] unit = \"mm\"` in the spec";
-            BodyError::invalid("coordinates", "no unit given", mend)
-        })?;
-        let format = Format::of(path)?;
-        let bytes = load(path)?;
-        if bytes.is_empty() {
-            return Err(BodyError::invalid("file", "it is empty", "export the mesh again"));
-        }
-        parse(&bytes, format, unit)
+        // The cheap refusals before the file is loaded.
+        needs_unit(unit)?;
+        Format::of(path)?;
+        read_bytes(path, &load(path)?, unit)
     };
     read().map_err(|e| e.in_file(path))
+}
+
+/// The same from memory; `name` tells the format by its extension.
+///
+/// # Errors
+/// As [`read`], without the file's name.
+pub fn read_bytes(name: &Path, bytes: &[u8], unit: Option<LengthUnit>) -> Result<TriangleMesh> {
+    let (unit, format) = (needs_unit(unit)?, Format::of(name)?);
+    if bytes.is_empty() {
+        return Err(BodyError::invalid("file", "it is empty", "export the mesh again"));
+    }
+    parse(bytes, format, unit)
+}
+
+fn needs_unit(unit: Option<LengthUnit>) -> Result<LengthUnit> {
+    unit.ok_or_else(|| {
+        let mend = "say it with `--unit m|cm|mm`, or with `[body] unit = \"mm\"` in the spec";
+        BodyError::invalid("coordinates", "no unit given", mend)
+    })
 }
 
 #[derive(Clone, Copy)]
