@@ -137,6 +137,8 @@ impl Contact {
     }
 
     /// Finds out on which side of the surface a tip is that did not come from outside.
+    #[cold]
+    #[inline(never)]
     fn look_around(&mut self, body: &Body, tip: DVec3, flags: &mut Flags) {
         let nearest = body.nearest(tip, f64::INFINITY);
         let near = nearest.map_or(0, |n| n.at.element);

@@ -18,18 +18,7 @@ fn assembly(crate_name: &str, target: &Path) -> String {
     let status = Command::new(env!("CARGO"))
         .args(["rustc", "--release", "--lib", "--quiet", "-p", crate_name, "--target-dir"])
         .arg(target)
-        // Static relocation names each callee at its call instead of loading its address into a register first.
-        .args([
-            "--",
-            "--emit",
-            "asm",
-            "-C",
-            "codegen-units=1",
-            "-C",
-            "debuginfo=0",
-            "-C",
-            "relocation-model=static",
-        ])
+        .args(["--", "--emit", "asm", "-C", "codegen-units=1", "-C", "debuginfo=0"])
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         // A test run's own flags (coverage, sanitizers) would end up in the code that is looked at.
         .env_remove("RUSTFLAGS")
@@ -53,31 +42,66 @@ fn calls(assembly: &str) -> Calls {
         .lines()
         .filter_map(|l| l.trim().strip_prefix(".type")?.trim().strip_suffix(",@function"))
         .collect();
-    let mut calls = Calls::new();
+    let mut bodies: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     let mut current: Option<&str> = None;
     for line in assembly.lines() {
         if let Some(label) = line.strip_suffix(':').filter(|l| functions.contains(l)) {
             current = Some(label);
-            calls.entry(label.into()).or_default();
-            continue;
         }
-        let (Some(function), mut words) = (current, line.split_whitespace()) else { continue };
-        let (Some(operation), Some(operand)) = (words.next(), words.next()) else { continue };
+        if let Some(function) = current {
+            bodies.entry(function).or_default().push(line);
+        }
+    }
+    bodies.into_iter().map(|(function, body)| (function.to_string(), callees(&body))).collect()
+}
+
+fn callees(body: &[&str]) -> BTreeSet<Option<String>> {
+    let mut found = BTreeSet::new();
+    // Function addresses in the registers that a call preserves, along a stretch without labels.
+    let mut held: BTreeMap<&str, String> = BTreeMap::new();
+    for line in body {
+        let mut words = line.split_whitespace();
+        let Some(operation) = words.next() else { continue };
+        if operation.ends_with(':') {
+            held.clear();
+        }
+        let Some(operand) = words.next() else { continue };
         let jump = operation.starts_with('j');
         if !operation.starts_with("call") && !jump {
+            let written = line.rsplit([',', ' ', '\t']).next().unwrap_or("");
+            held.retain(|register, _| !same_register(register, written));
+            let load = operand.split_once("@GOTPCREL").filter(|_| operation == "movq");
+            if let (Some((symbol, _)), Some(register)) = (load, PRESERVED.iter().find(|r| **r == written)) {
+                held.insert(register, symbol.to_string());
+            }
             continue;
         }
-        // Jumps within the function go to local labels, or through a table of them.
-        let callee = match operand.strip_prefix('*') {
-            _ if operand.starts_with(".L") => continue,
-            None => Some(operand.trim_end_matches("@PLT").to_string()),
-            Some(slot) if slot.contains("@GOTPCREL") => slot.split('@').next().map(String::from),
-            Some(_) if jump && assembly.contains(".LJTI") => continue,
-            Some(_) => None,
-        };
-        calls.entry(function.into()).or_default().insert(callee);
+        match operand.strip_prefix('*') {
+            // Jumps within the function go to local labels, or through a table of them.
+            _ if operand.starts_with(".L") => {}
+            None => {
+                found.insert(Some(operand.trim_end_matches("@PLT").to_string()));
+            }
+            Some(slot) if slot.contains("@GOTPCREL") => {
+                found.insert(slot.split('@').next().map(String::from));
+            }
+            Some(_) if jump && body.iter().any(|l| l.contains(".LJTI")) => {}
+            Some(register) => {
+                found.insert(held.get(register).cloned());
+            }
+        }
     }
-    calls
+    found
+}
+
+const PRESERVED: [&str; 6] = ["%rbx", "%rbp", "%r12", "%r13", "%r14", "%r15"];
+
+/// Whether an operand is the register or a part of it.
+fn same_register(register: &str, operand: &str) -> bool {
+    let number = &register[2..];
+    operand
+        .strip_prefix('%')
+        .is_some_and(|o| o.contains(&number[..number.len().min(2)]) || o.starts_with(&number[..1]))
 }
 
 fn reachable(calls: &Calls, from: &str) -> Result<BTreeSet<String>, String> {
