@@ -4,7 +4,9 @@ use crate::curve::Curve;
 use crate::error::{BodyError, Result};
 use crate::response::{Response, Responses};
 use crate::search::{Search, point};
-use crate::surface::{Element, MAX_ELEMENTS, NO_TWIN, Surface, check_area, check_normals, check_position};
+use crate::surface::{
+    Element, MAX_ELEMENTS, NO_TWIN, Surface, check_area, check_fans, check_normals, check_position,
+};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -309,6 +311,16 @@ impl Body {
         self.element_nodes(element).map(|n| n.position)
     }
 
+    /// The unit normal of an element's outer side.
+    ///
+    /// # Real-time
+    /// As [`Body::element_nodes`].
+    #[inline]
+    pub fn outward(&self, element: u32) -> DVec3 {
+        let [a, b, c] = self.corners(element);
+        (b - a).cross(c - a).normalize_or_zero()
+    }
+
     /// A point of the surface, m.
     #[inline]
     pub fn point(&self, at: crate::SurfacePoint) -> DVec3 {
@@ -412,6 +424,8 @@ fn check_surface(surface: &Surface) -> Result<()> {
             }
         }
     }
+    // By vertices: at a crease several nodes share a fan.
+    check_fans(positions, elements.iter().map(|e| e.nodes.map(|n| vertices[n as usize])))?;
     check_normals(inward, positions, elements)
 }
 

@@ -69,6 +69,18 @@ impl Box3 {
     }
 }
 
+impl Box3 {
+    /// A fraction of the way before which nothing of the box, grown by `radius`, is reached.
+    fn earliest(&self, from: DVec3, way: DVec3, radius: f64) -> f64 {
+        let low = DVec3::new(self.low[0] as f64, self.low[1] as f64, self.low[2] as f64);
+        let high = DVec3::new(self.high[0] as f64, self.high[1] as f64, self.high[2] as f64);
+        let middle = ((high + low) * 0.5 - from).dot(way);
+        let reach = ((high - low) * 0.5 + DVec3::splat(radius)).dot(way.abs());
+        let square = way.length_squared();
+        if square > 0.0 { ((middle - reach) / square * (1.0 - 1e-9)).max(0.0) } else { 0.0 }
+    }
+}
+
 struct Segment {
     middle: DVec3,
     half: DVec3,
@@ -268,29 +280,35 @@ impl Body {
     pub fn first_touch(&self, from: DVec3, to: DVec3, radius: f64) -> Option<Touch> {
         let way = to - from;
         let segment = Segment { middle: (from + to) * 0.5, half: way * 0.5 };
-        // The whole segment is tested against the boxes; the bound cuts off what lies later.
-        let mut best: Option<Touch> = None;
+        let mut best: Option<(Touch, f64)> = None;
         let reach = radius + BACK_OFF;
         let ray = Ray::new(from, way);
         self.search.walk(
             1.0,
-            |b| if b.meets(&segment, reach) { 0.0 } else { f64::INFINITY },
+            // A box is of interest from the earliest fraction at which the segment can come to it.
+            |b| if b.meets(&segment, reach) { b.earliest(from, way, reach) } else { f64::INFINITY },
             |element, bound| {
                 let corners = self.corners(element);
-                let hit =
-                    if radius > 0.0 { sphere_touch(from, way, radius, corners) } else { ray.touch(corners) };
-                if let Some((fraction, n)) = hit {
-                    let earlier = best.is_none_or(|b| {
-                        fraction < b.fraction || (fraction == b.fraction && element < b.at.element)
-                    });
-                    if earlier {
-                        best = Some(Touch { at: SurfacePoint { element, n }, fraction });
-                    }
+                let hit = if radius > 0.0 {
+                    sphere_touch(from, way, radius, corners)
+                } else {
+                    ray.touch(from, corners)
+                };
+                let Some((fraction, n)) = hit else { return bound };
+                // Of touches at the same moment the nearest counts, then the lowest element: not the tree's order.
+                let distance = (from + way * fraction).distance(point(corners, n));
+                let earlier = best.is_none_or(|(b, d)| {
+                    (fraction, distance, element).partial_cmp(&(b.fraction, d, b.at.element))
+                        == Some(std::cmp::Ordering::Less)
+                });
+                if earlier {
+                    best = Some((Touch { at: SurfacePoint { element, n }, fraction }, distance));
+                    return fraction;
                 }
                 bound
             },
         );
-        best
+        best.map(|(touch, _)| touch)
     }
 
     /// Whether `p` lies outside, seen from its nearest surface point: by the sum of the normals of the faces that
@@ -378,7 +396,6 @@ struct Ray {
     axes: [usize; 3],
     shear: [f64; 2],
     along: f64,
-    tolerance: f64,
 }
 
 impl Ray {
@@ -403,12 +420,11 @@ impl Ray {
             std::mem::swap(&mut x, &mut y);
         }
         let shear = [pick(way, x) / along, pick(way, y) / along];
-        let tolerance = BACK_OFF / way.length();
-        Ray { from, axes: [x, y, z], shear, along, tolerance }
+        Ray { from, axes: [x, y, z], shear, along }
     }
 
     /// Fraction and area coordinates where the segment enters through the triangle's outer side.
-    fn touch(&self, corners: [DVec3; 3]) -> Option<(f64, [f64; 3])> {
+    fn touch(&self, from: DVec3, corners: [DVec3; 3]) -> Option<(f64, [f64; 3])> {
         if self.along == 0.0 {
             return None;
         }
@@ -432,7 +448,15 @@ impl Ray {
         }
         let n = [u / sum, v / sum, w / sum];
         let fraction = (n[0] * a[2] + n[1] * b[2] + n[2] * c[2]) / self.along;
-        (fraction >= -self.tolerance && fraction <= 1.0).then_some((fraction.max(0.0), n))
+        if (0.0..=1.0).contains(&fraction) {
+            return Some((fraction, n));
+        }
+        // A start that rounding has put inside: by its depth, since a grazing way comes from far behind.
+        let outward = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
+        let at_start = nearest_on_triangle(from, corners);
+        let offset = from - point(corners, at_start);
+        (fraction < 0.0 && offset.length() <= BACK_OFF && offset.dot(outward) <= 0.0)
+            .then_some((0.0, at_start))
     }
 }
 
@@ -440,8 +464,12 @@ impl Ray {
 fn sphere_touch(from: DVec3, way: DVec3, radius: f64, corners: [DVec3; 3]) -> Option<(f64, [f64; 3])> {
     let at_start = nearest_on_triangle(from, corners);
     let outward = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+    // From behind an open sheet nothing is touched.
+    let before = |centre: DVec3, n: [f64; 3]| {
+        (centre - point(corners, n)).dot(outward) >= -1e-9 * radius * outward.length()
+    };
     if (from - point(corners, at_start)).length() <= radius {
-        return Some((0.0, at_start));
+        return before(from, at_start).then_some((0.0, at_start));
     }
     let mut first: Option<f64> = None;
     let mut offer = |t: f64| {
@@ -474,7 +502,8 @@ fn sphere_touch(from: DVec3, way: DVec3, radius: f64, corners: [DVec3; 3]) -> Op
             offer(t);
         }
     }
-    first.map(|t| (t, nearest_on_triangle(from + way * t, corners)))
+    let first = first.map(|t| (t, nearest_on_triangle(from + way * t, corners)));
+    first.filter(|&(t, n)| before(from + way * t, n))
 }
 
 /// First t with |gap + way t| = radius, for a start outside.

@@ -157,7 +157,22 @@ fn check_mesh(mesh: &TriangleMesh) -> Result<()> {
         }
         check_area(t, triangle.map(|v| mesh.positions[v as usize]))?;
     }
-    Ok(())
+    check_fans(&mesh.positions, mesh.triangles.iter().copied())
+}
+
+/// The step looks at no more than [`crate::body::MAX_FAN`] elements around a vertex: no surface may have more.
+pub(crate) fn check_fans(positions: &[DVec3], triangles: impl Iterator<Item = [u32; 3]>) -> Result<()> {
+    let mut fans = vec![0u32; positions.len()];
+    for v in triangles.flatten() {
+        fans[v as usize] += 1;
+    }
+    let Some(v) = fans.iter().position(|&n| n as usize > crate::body::MAX_FAN) else { return Ok(()) };
+    let p = positions[v];
+    Err(BodyError::invalid(
+        format!("vertex {v} at ({:.6}, {:.6}, {:.6}) m", p.x, p.y, p.z),
+        format!("{} triangles meet there, more than {}", fans[v], crate::body::MAX_FAN),
+        "remesh around it",
+    ))
 }
 
 pub(crate) fn check_position(place: &str, p: DVec3) -> Result<()> {
@@ -201,6 +216,18 @@ pub(crate) fn check_normals(inward: &[DVec3], positions: &[DVec3], elements: &[E
                 "normalise it, to 1e-4",
             ));
         }
+    }
+    let outward = |e: &Element| {
+        let [a, b, c] = e.nodes.map(|n| positions[n as usize]);
+        let face = (c - a).cross(b - a);
+        e.nodes.iter().all(|&n| inward[n as usize].dot(face) < 0.0)
+    };
+    if 2 * elements.iter().filter(|e| outward(e)).count() > elements.len() {
+        return Err(BodyError::invalid(
+            "normals",
+            "most of them point out of the body",
+            "turn them, or the triangles, round",
+        ));
     }
     if let Some(t) = elements.iter().position(|e| opposes(e, inward)) {
         let p = positions[elements[t].nodes[0] as usize];

@@ -5,7 +5,7 @@ use crate::output::{ContactPoint, Counters, Flags, Ledger, Output, ToolPose};
 use crate::sensitivity;
 use crate::slip::{self, End, Pace};
 use glam::DVec3;
-use palpate_body::{Body, SlipRule, SurfacePoint};
+use palpate_body::{Body, Nearest, SlipRule, SurfacePoint};
 
 /// Inside the surface by no more than this (m) counts as on it: a segment starting there still catches the surface.
 const ON_SURFACE: f64 = 1e-9;
@@ -78,18 +78,31 @@ impl Contact {
             flags.in_contact = matches!(self.state, State::Touching { .. });
             return Output { flags, energy: self.energy, ..Output::default() };
         };
-        let Some(at) = self.touch(body, tip, &mut flags) else { return self.untouched(flags) };
-        let mut at = at;
+        let before = self.energy;
+        let Some(mut at) = self.touch(body, tip, &mut flags) else { return self.untouched(flags) };
         let mut site = Site::new(body, self.law, at.element);
         let mut field = self.stick(&mut site, at, tip);
         let end = self.slip(&mut site, &mut at, &mut field, tip, &mut flags);
         if field.depth > 0.0 && end != End::Border {
             return self.answer(at, tip, &field, end, flags);
         }
-        match self.release(&mut site, end, tip, &mut flags) {
+        if flags.onset && self.law.radius_m > 0.0 && end != End::Border {
+            return self.hover(before, tip, at, flags);
+        }
+        match self.release(&mut site, at, &field, end, tip, &mut flags) {
             Some((at, field, end)) => self.answer(at, tip, &field, end, flags),
             None => self.untouched(flags),
         }
+    }
+
+    /// A sphere that the facets are within reach of but not the interpolated surface: nothing has happened yet.
+    #[cold]
+    fn hover(&mut self, before: Ledger, tip: DVec3, at: SurfacePoint, mut flags: Flags) -> Output {
+        self.energy = before;
+        self.counters.onsets = self.counters.onsets.saturating_sub(1);
+        (flags.onset, flags.slipping) = (false, false);
+        self.state = State::Free { tip, asked_at: tip, clear: 0.0, near: at.element };
+        self.untouched(flags)
     }
 
     /// The Lipschitz bound of the force at the present contact, N/m: how far one step's |ΔF| may exceed nothing but
@@ -140,28 +153,37 @@ impl Contact {
     #[cold]
     #[inline(never)]
     fn look_around(&mut self, body: &Body, tip: DVec3, flags: &mut Flags) {
-        let nearest = body.nearest(tip, f64::INFINITY);
-        let near = nearest.map_or(0, |n| n.at.element);
-        let (distance, outside) = nearest.map_or((f64::INFINITY, true), |n| (n.distance, n.outside));
-        self.state = if (outside && distance >= self.law.radius_m) || distance <= ON_SURFACE {
-            State::Free { tip, asked_at: tip, clear: 0.0, near }
+        let Some(nearest) = body.nearest(tip, f64::INFINITY) else { return };
+        let gap = if nearest.outside { nearest.distance } else { -nearest.distance } - self.law.radius_m;
+        self.state = if gap >= -ON_SURFACE {
+            self.free(body, tip, nearest)
         } else {
             flags.started_inside = true;
             // Inside stays inside until the tip has been as far as the surface.
-            State::Inside { asked_at: tip, clear: (distance - self.law.radius_m).abs() }
+            State::Inside { asked_at: tip, clear: gap.abs() }
         };
     }
 
+    /// Free at a tip that is outside, or on the surface up to rounding: then from a hair above it, so that the next
+    /// segment crosses it whole.
+    fn free(&self, body: &Body, tip: DVec3, nearest: Nearest) -> State {
+        let from =
+            if nearest.outside { tip } else { tip + body.outward(nearest.at.element) * (2.0 * ON_SURFACE) };
+        State::Free { tip: from, asked_at: tip, clear: 0.0, near: nearest.at.element }
+    }
+
     /// A sphere's first touch is where the nearest point is at its radius, but the frame there is the interpolated
-    /// one: the contact point moves to where the deflection has no lateral part before it begins to count.
+    /// one: the contact point slips to the friction limit, nearly 0 there, before anything counts. Where the frames
+    /// lead it farther away than the tool reaches, it stays.
     fn settle(&self, body: &Body, at: SurfacePoint, tip: DVec3) -> SurfacePoint {
-        let mut at = at;
-        if self.law.radius_m > 0.0 {
-            let mut site = Site::new(body, self.law, at.element);
-            let mut field = site.evaluate(at.n, tip);
-            slip::slip(&mut site, &mut at, &mut field, tip, &mut Pace::default());
+        if self.law.radius_m == 0.0 {
+            return at;
         }
-        at
+        let mut site = Site::new(body, self.law, at.element);
+        let (mut settled, mut field) = (at, site.evaluate(at.n, tip));
+        let start = field.c;
+        let end = slip::slip(&mut site, &mut settled, &mut field, tip, &mut Pace::default()).end;
+        if end == End::Settled && field.c.distance(start) <= self.law.radius_m { settled } else { at }
     }
 
     /// Stage 2: the tool moves with the contact point held.
@@ -203,41 +225,53 @@ impl Contact {
     fn release(
         &mut self,
         site: &mut Site,
+        at: SurfacePoint,
+        field: &Field,
         end: End,
         tip: DVec3,
         flags: &mut Flags,
     ) -> Option<(SurfacePoint, Field, End)> {
         let body = site.body;
         self.energy.slip(0.0);
+        flags.released = true;
         if end == End::Border {
             flags.border = true;
-            flags.released = true;
             // Beyond the border the tip may hang under the sheet: only seen from outside may it touch again.
             self.look_around(body, tip, flags);
             flags.started_inside = false;
             return None;
         }
-        let inside = body.nearest(tip, f64::INFINITY).filter(|n| !n.outside && n.distance > ON_SURFACE);
-        if let Some(nearest) = inside {
-            let mut at = self.settle(body, nearest.at, tip);
-            *site = Site::new(body, self.law, at.element);
-            let mut field = site.evaluate(at.n, tip);
-            // Stored energy appears at a fixed tip: the ledger books it as generated.
-            self.energy.slip(field.energy);
-            let end = self.slip(site, &mut at, &mut field, tip, flags);
-            if field.depth > 0.0 && end != End::Border {
-                flags.reanchored = true;
-                return Some((at, field, end));
-            }
-            self.energy.slip(0.0);
+        let nearest = body.nearest(tip, f64::INFINITY)?;
+        let again = if !nearest.outside && nearest.distance > ON_SURFACE {
+            Some(nearest.at)
+        } else {
+            self.beyond(body, at, field, tip)
+        };
+        self.state = self.free(body, tip, nearest);
+        let mut at = self.settle(body, again?, tip);
+        *site = Site::new(body, self.law, at.element);
+        let mut field = site.evaluate(at.n, tip);
+        // Stored energy appears at a fixed tip: the ledger books it as generated.
+        self.energy.slip(field.energy);
+        let end = self.slip(site, &mut at, &mut field, tip, flags);
+        if field.depth > 0.0 && end != End::Border {
+            flags.reanchored = true;
+            return Some((at, field, end));
         }
-        // A sphere hovers where the facets are within its radius but the interpolated surface is not: no event.
-        let hovers = flags.onset && self.law.radius_m > 0.0;
-        flags.released = !hovers;
-        flags.onset &= !hovers;
-        self.counters.onsets = self.counters.onsets.saturating_sub(u64::from(hovers));
-        self.state = State::Free { tip, asked_at: tip, clear: 0.0, near: site.element };
+        self.energy.slip(0.0);
+        self.look_around(body, tip, flags);
         None
+    }
+
+    /// What the rest of the way runs into, from where the tip came out over the contact point's plane: a fast tip may
+    /// leave one sheet and enter another in the same step.
+    fn beyond(&self, body: &Body, at: SurfacePoint, field: &Field, tip: DVec3) -> Option<SurfacePoint> {
+        let State::Touching { tip: from, .. } = self.state else { return None };
+        let height = (from - field.c).dot(-field.u()) - self.law.radius_m;
+        let fraction = height / (height + field.depth);
+        let out =
+            from + (tip - from) * fraction.clamp(0.0, 1.0) + body.outward(at.element) * (2.0 * ON_SURFACE);
+        body.first_touch(out, tip, self.law.radius_m).map(|t| t.at)
     }
 
     /// Stage 5: the state for the next step, and the force.

@@ -309,7 +309,7 @@ impl Field {
 
     /// û_c, into the body.
     #[inline]
-    fn u(&self) -> DVec3 {
+    pub(crate) fn u(&self) -> DVec3 {
         self.frame * (1.0 / self.frame_length)
     }
 }

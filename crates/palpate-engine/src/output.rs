@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 /// Coordinates beyond this (m) are treated as a device's fault, like a non-finite one.
-const FARTHEST: f64 = 1e6;
+const FARTHEST: f64 = 1e4;
 
 /// A pose of the tool's reference point in the body's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,11 +62,12 @@ pub struct Flags {
     pub blocked: bool,
     /// The slip search ran into its bound; the rendered lateral force was cut to the limit.
     pub capped: bool,
-    /// The pose held a number that is not finite or beyond 10⁶ m: no force, and the contact is kept as it was.
+    /// The pose held a number that is not finite or beyond 10⁴ m: no force, and the contact is kept as it was.
     pub invalid_pose: bool,
     /// The force was not finite and was replaced by zero.
     pub contained: bool,
-    /// The first pose lay inside the body (or nearer than the tool's radius): no force until the tool has left it.
+    /// The tool is inside the body (or nearer than its radius) without having come through the surface: the first pose
+    /// lay there, or it came under an open sheet around its border. No force until it has left.
     pub started_inside: bool,
 }
 

@@ -150,13 +150,13 @@ impl Search<'_, '_> {
     /// Its first iterate with the slope f_r' would be the paper's |δr − δs|.
     #[inline]
     fn newton(&mut self, v: DVec3, ease: f64) -> bool {
-        // Slopes between a tenth and ten times f_r' are believed.
-        let stiffness = self.field.pull_slope;
+        // Slopes between a tenth and ten times f_r' are believed; and c never has to run much farther than δr.
+        let (stiffness, farthest) = (self.field.pull_slope, 1.5 * self.field.lateral);
         let believable = |ease: f64| ease * stiffness < 10.0 && ease * stiffness > 0.1;
         let (mut v, mut ease, mut travelled) = (v, ease, 0.0);
         let first = self.field.pull * self.field.u_r.dot(v) - self.field.limit;
         let mut excess = first;
-        while self.evaluations > 0 && believable(ease) {
+        while self.evaluations > 0 && believable(ease) && excess * ease <= farthest {
             let way = excess * ease;
             let rates = self.site.rates(v * way.signum());
             let mut stop = Stop::Reached;
@@ -173,6 +173,10 @@ impl Search<'_, '_> {
             // Seen along the old drive: past the root it has changed sides where L is nearly 0.
             let seen = self.field.pull * self.field.u_r.dot(v) - self.field.limit;
             let now = self.field.pull - self.field.limit;
+            // Past the tip, |f_r| = L has a second root: there friction would push.
+            if self.field.u_r.dot(v) < 0.0 && self.field.limit > tolerance(self.field) {
+                return false;
+            }
             if now.abs() <= tolerance(self.field) {
                 // What is left would be closed by one more iterate: learn as if it had been.
                 if now.abs() < 0.1 * first {
@@ -206,12 +210,13 @@ impl Search<'_, '_> {
         if g <= 0.0 {
             return 0.0;
         }
-        // Largest s with g > 0, and the least with g < 0 with what is there.
-        let mut low = 0.0;
+        // Largest s with g > 0 and the least with g < 0, and where they are.
+        let mut low = (0.0, *self.at);
         let mut high: Option<(f64, SurfacePoint)> = None;
         let eta = self.site.drift(self.at.n, self.field, v).eta;
-        let mut target =
-            g / if eta > 0.1 * self.field.pull_slope { eta } else { self.field.pull_slope.max(1e-9) };
+        let slope = if eta > 0.1 * self.field.pull_slope { eta } else { self.field.pull_slope };
+        // On a curve that has gone flat the slope leads far away; the root lies within about δr.
+        let mut target = (g / slope).min(self.field.lateral);
         let mut tries = 0;
         while self.evaluations > 0 {
             let way = target - s;
@@ -229,28 +234,34 @@ impl Search<'_, '_> {
                 return s;
             }
             if g > 0.0 {
-                low = s;
+                low = (s, *self.at);
                 if stop != Stop::Reached && way > 0.0 {
                     return s;
                 }
             } else {
                 high = Some((s, *self.at));
+                if self.crossings == 0 {
+                    // No way left to close in: rather too little than too far.
+                    break;
+                }
             }
             let secant = s - g * (s - s_before) / (g - g_before);
             target = match high {
-                Some((end, there)) if end - low <= CLOSED => {
+                Some((end, there)) if end - low.0 <= CLOSED => {
                     // A jump of the frame or the response: rest on its far side, within the limit.
                     *self.at = there;
                     self.evaluate_again();
                     return end;
                 }
-                Some((end, _)) if secant > low && secant < end && tries < 6 => secant,
-                Some((end, _)) => 0.5 * (low + end),
+                Some((end, _)) if secant > low.0 && secant < end && tries < 6 => secant,
+                Some((end, _)) => 0.5 * (low.0 + end),
                 None if secant > s && secant < s + 8.0 * way => secant,
                 None => s + 2.0 * way.abs(),
             };
         }
-        s
+        *self.at = low.1;
+        self.evaluate_again();
+        low.0
     }
 
     #[inline(always)]
@@ -282,11 +293,14 @@ impl Search<'_, '_> {
 /// Whether a force is within the limit, up to [`tolerance`].
 #[inline]
 pub(crate) fn within(force: f64, field: &Field) -> bool {
-    force - field.limit <= tolerance(field)
+    force - field.limit <= tolerance(field) || field.lateral <= NO_DEFLECTION
 }
 
-/// 10⁻⁶ of the limit, a microNewton of a newton, and 10⁻¹² m of lateral deflection, N.
+/// A lateral deflection below this is rounding, m.
+const NO_DEFLECTION: f64 = 1e-12;
+
+/// 10⁻⁶ of the limit, a micronewton of a newton, and [`NO_DEFLECTION`], N.
 #[inline]
 fn tolerance(field: &Field) -> f64 {
-    1e-6 * field.limit + 1e-12 * field.pull_slope
+    1e-6 * field.limit + NO_DEFLECTION * field.pull_slope
 }

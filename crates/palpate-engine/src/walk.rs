@@ -71,6 +71,15 @@ impl Rates {
         (n0 >= 0.0 && n1 >= 0.0 && n2 >= 0.0).then_some([n0, n1, n2])
     }
 
+    /// The coordinates after the distance `s`, with what rounding took below zero put back.
+    #[cold]
+    fn along_edge(&self, n: [f64; 3], s: f64) -> [f64; 3] {
+        let r = self.each();
+        let n = [0, 1, 2].map(|i| (pick(n, i) + pick(r, i) * s).max(0.0));
+        let per = 1.0 / (n[0] + n[1] + n[2]);
+        n.map(|n| n * per)
+    }
+
     /// The coordinate that reaches zero first. One that stands at zero and moves by rounding alone stays.
     #[inline]
     fn exit(&self, n: [f64; 3]) -> Option<usize> {
@@ -106,9 +115,12 @@ pub(crate) fn walk(
             at.n = n;
             return (at, s, Stop::Reached);
         }
-        // Nothing falls, and yet rounding took a coordinate below zero: it stands at an edge that it runs along.
-        let Some(opposite) = rates.exit(at.n) else { return (at, s, Stop::Reached) };
-        let fall = pick(at.n, opposite) / -pick(rates.r, opposite);
+        // Where the way ends before the edge, only rounding took a coordinate below zero: the point runs along an edge.
+        let exit = rates.exit(at.n).map(|i| (i, pick(at.n, i) / -pick(rates.r, i)));
+        let Some((opposite, fall)) = exit.filter(|(_, fall)| fall * rates.scale < left) else {
+            at.n = rates.along_edge(at.n, left);
+            return (at, s, Stop::Reached);
+        };
         left -= fall * rates.scale;
         let along = (pick(at.n, opposite + 1) + pick(rates.r, opposite + 1) * fall).clamp(0.0, 1.0);
         at.n = match opposite {
@@ -116,9 +128,6 @@ pub(crate) fn walk(
             1 => [1.0 - along, 0.0, along],
             _ => [along, 1.0 - along, 0.0],
         };
-        if left <= 0.0 {
-            return (at, s, Stop::Reached);
-        }
         if *crossings == 0 {
             return (at, s - left, Stop::Cap);
         }
