@@ -97,7 +97,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let inputs: Vec<&Path> =
         [args.spec.as_deref(), mesh, args.samples.as_deref()].into_iter().flatten().collect();
-    files::refuse_overwrite(&args.output, &inputs)?;
+    files::refuse_overwrite(&[&args.output], &inputs)?;
 
     let mut notes = Vec::new();
     if let (Some(spec), Some(path)) = (&spec, &args.spec) {

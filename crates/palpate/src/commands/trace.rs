@@ -61,7 +61,7 @@ enum Ablate {
 /// # Errors
 /// See [`Failure`].
 pub fn run(args: &Args) -> Result<(), Failure> {
-    files::refuse_overwrite(&args.output, &[&args.body, &args.path])?;
+    files::refuse_overwrite(&[&args.output], &[&args.body, &args.path])?;
     let body = Body::open(&args.body)?;
     let mut waypoints = path::read(&args.path)?;
     if let Some(rate_hz) = args.rate_hz {
@@ -77,7 +77,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
 
     let mut summary = Summary::default();
-    files::replace(&args.output, |out| {
+    files::replace_or_stream(&args.output, |out| {
         writeln!(out, "{COLUMNS}")?;
         let mut rollout = rollout(&body, waypoints.iter().map(|w| w.pose), ablation);
         let mut before = None;
