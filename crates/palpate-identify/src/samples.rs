@@ -63,7 +63,8 @@ pub fn read_samples(path: &Path) -> Result<Vec<Sample>, FitError> {
     let text = String::from_utf8(bytes).map_err(|e| {
         let valid = e.as_bytes().iter().take(e.utf8_error().valid_up_to());
         let line = 1 + valid.filter(|b| **b == b'\n').count();
-        FitError::invalid(format!("line {line}"), "it is not UTF-8 text", "save it as plain text").in_file(path)
+        FitError::invalid(format!("line {line}"), "it is not UTF-8 text", "save it as plain text")
+            .in_file(path)
     });
     parse(&text?).map_err(|e| e.in_file(path))
 }

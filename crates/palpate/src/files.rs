@@ -56,7 +56,10 @@ fn unwritable(path: &Path, error: &io::Error) -> anyhow::Error {
     // A temporary file's error names that file, which nobody asked for.
     let cause = error.to_string();
     let cause = cause.split(" at path ").next().unwrap_or_default();
-    anyhow!("{}: can't be written ({cause}); check that its folder exists, can be written and has room", path.display())
+    anyhow!(
+        "{}: can't be written ({cause}); check that its folder exists, can be written and has room",
+        path.display()
+    )
 }
 
 /// Writes the file at `path` through a temporary one beside it: what was there survives any failure. A link is

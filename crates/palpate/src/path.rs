@@ -73,7 +73,9 @@ pub fn resample(waypoints: &[Waypoint], rate_hz: f64) -> Result<Vec<Waypoint>> {
     let periods = (last.time_s - first.time_s) * rate_hz;
     let steps = (periods + 1e-6).floor() + 1.0;
     if steps > MAX_STEPS {
-        bail!("--rate-hz {rate_hz}: it gives {steps:.3e} steps; choose a rate that gives at most {MAX_STEPS}");
+        bail!(
+            "--rate-hz {rate_hz}: it gives {steps:.3e} steps; choose a rate that gives at most {MAX_STEPS}"
+        );
     }
     let mut segment = 0;
     let at = |k: u64| {

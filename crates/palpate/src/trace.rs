@@ -150,8 +150,7 @@ impl Summary {
         if let Some(c) = &output.contact {
             let [depth, lateral] = reach(body);
             // Wider than rounding.
-            self.extrapolated_steps +=
-                u64::from(c.delta_z_m > depth + 1e-9 || c.delta_r_m > lateral + 1e-9);
+            self.extrapolated_steps += u64::from(c.delta_z_m > depth + 1e-9 || c.delta_r_m > lateral + 1e-9);
             let ran_away = self.before.as_ref().is_some_and(|(from, before)| {
                 let allowed = 10.0 * distance(waypoint.pose.position_m, from.pose.position_m) + 1e-4;
                 before.contact.is_some_and(|b| distance(c.position_m, b.position_m) > allowed)
@@ -237,7 +236,11 @@ impl Summary {
             .collect();
         if n.border > 0 {
             let ended = count(n.border, "contact");
-            warnings.push(format!("{ended} ended at the surface's border"));
+            let without_force = match n.started_inside - self.began_inside {
+                0 => String::new(),
+                steps => format!("; {} behind the surface after that had no force", count(steps, "step")),
+            };
+            warnings.push(format!("{ended} ended at the surface's border{without_force}"));
         }
         if self.snap_steps > 0 {
             warnings.push(format!(
@@ -272,7 +275,8 @@ impl Summary {
 /// How deep and how far aside the curves go, m.
 fn reach(body: &Body) -> [f64; 2] {
     let responses = body.responses();
-    [responses.depth_knots(), responses.lateral_knots()].map(|k| k.values().last().copied().unwrap_or_default())
+    [responses.depth_knots(), responses.lateral_knots()]
+        .map(|k| k.values().last().copied().unwrap_or_default())
 }
 
 fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {

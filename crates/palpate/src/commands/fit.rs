@@ -160,7 +160,8 @@ fn folds(surface: &Surface) -> Vec<String> {
         e.nodes.iter().any(|&n| inward[n as usize].dot(outward) > 0.0)
     };
     let folded = surface.elements().iter().enumerate().filter(|(_, e)| is_folded(e));
-    let folded: Vec<(usize, DVec3)> = folded.map(|(t, e)| (t, positions[e.nodes[0] as usize] * 1e3)).collect();
+    let folded: Vec<(usize, DVec3)> =
+        folded.map(|(t, e)| (t, positions[e.nodes[0] as usize] * 1e3)).collect();
     let mut notes = Vec::new();
     if let Some((t, p)) = folded.first() {
         notes.push(format!(
