@@ -213,7 +213,7 @@ impl Summary {
     }
 
     /// What deserves to be said aloud of a path on `body`.
-    pub fn warnings(&self, body: &Body, path: &[Waypoint]) -> Vec<String> {
+    pub fn warnings(&self, body: &Body, path: &[Waypoint], ablation: Ablation) -> Vec<String> {
         let n = &self.flags;
         let said = [
             (self.began_inside, "began inside the body and felt no force until it had left"),
@@ -243,10 +243,13 @@ impl Summary {
             warnings.push(format!("{ended} ended at the surface's border{without_force}"));
         }
         if self.snap_steps > 0 {
+            let cause = match ablation {
+                Ablation::Coordinates | Ablation::Both => "coordinates are not interpolated",
+                _ => "a snap: depth near the surface's radius of curvature, see docs/model.md",
+            };
+            let steps = count(self.snap_steps, "step");
             warnings.push(format!(
-                "{} in which the contact point ran away or could (a snap: depth near the surface's radius of \
-                 curvature, see docs/model.md), first at t = {} s",
-                count(self.snap_steps, "step"),
+                "{steps} in which the contact point ran away or could ({cause}), first at t = {} s",
                 self.first_snap_s
             ));
         }

@@ -89,7 +89,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Ok(())
     })?;
 
-    for warning in summary.warnings(&body, &waypoints) {
+    for warning in summary.warnings(&body, &waypoints, ablation) {
         console::note(&warning);
     }
     if args.json {
