@@ -83,6 +83,9 @@ impl Body {
     pub fn save(&self, path: &Path) -> Result<()> {
         let header = self.header().map_err(|e| e.in_file(path))?;
         let old = std::fs::metadata(path).ok();
+        if old.as_ref().is_some_and(std::fs::Metadata::is_dir) {
+            return Err(BodyError::io(path, io::ErrorKind::IsADirectory.into()));
+        }
         if old.as_ref().is_some_and(|old| !old.is_file()) || (old.is_none() && path.is_symlink()) {
             let (problem, mend) = ("it is no ordinary file", "give a file's name");
             return Err(BodyError::invalid("output", problem, mend).in_file(path));
