@@ -74,14 +74,25 @@ struct Header {
 
 impl Body {
     /// Writes the body to `path`: to a temporary file beside it first, so that a file that is there already survives
-    /// any failure. The same body always gives the same bytes.
+    /// any failure. A link is followed, and a file that is there already keeps its permissions. The same body always
+    /// gives the same bytes.
     ///
     /// # Errors
-    /// The folder is missing, full or not writable, or the provenance is too long for a header.
+    /// `path` leads to something other than an ordinary file, the folder is missing, full or not writable, or the
+    /// provenance is too long for a header.
     pub fn save(&self, path: &Path) -> Result<()> {
         let header = self.header().map_err(|e| e.in_file(path))?;
+        let old = std::fs::metadata(path).ok();
+        if old.as_ref().is_some_and(std::fs::Metadata::is_dir) {
+            return Err(BodyError::io(path, io::ErrorKind::IsADirectory.into()));
+        }
+        if old.as_ref().is_some_and(|old| !old.is_file()) || (old.is_none() && path.is_symlink()) {
+            let (problem, mend) = ("it is no ordinary file", "give a file's name");
+            return Err(BodyError::invalid("output", problem, mend).in_file(path));
+        }
         let write = || {
-            let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            let target = if old.is_some() { std::fs::canonicalize(path)? } else { path.to_path_buf() };
+            let folder = target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
             let mut builder = tempfile::Builder::new();
             // A temporary file is its owner's alone; a body is an ordinary file, as far as the umask allows.
             #[cfg(unix)]
@@ -89,14 +100,22 @@ impl Body {
             let mut out = io::BufWriter::with_capacity(1 << 20, builder.tempfile_in(folder)?);
             self.write(&header, &mut out)?;
             let file = out.into_inner().map_err(io::IntoInnerError::into_error)?;
+            if let Some(old) = &old {
+                file.as_file().set_permissions(old.permissions())?;
+            }
             file.as_file().sync_all()?;
-            file.persist(path).map_err(|e| e.error)?;
+            file.persist(&target).map_err(|e| e.error)?;
             // The new name is on disk once the folder is.
             #[cfg(unix)]
             std::fs::File::open(folder)?.sync_all()?;
             Ok(())
         };
-        write().map_err(|e| BodyError::io(path, e))
+        write().map_err(|e: io::Error| {
+            // A temporary file's error names that file, which nobody asked for.
+            let cause = e.to_string();
+            let cause = cause.split(" at path ").next().unwrap_or_default();
+            BodyError::io(path, io::Error::new(e.kind(), cause))
+        })
     }
 
     /// Reads and checks the body at `path`, which must not be rewritten meanwhile: it is mapped into memory.

@@ -182,6 +182,12 @@ fn check(row: &Sample) -> Result<(), FitError> {
             "give the force on the body in N or the friction coefficient: neither is negative",
         );
     }
+    if row.component == Component::Friction && row.value > 100.0 {
+        return bad(
+            format!("the friction coefficient is {}", row.value),
+            "give a coefficient between 0 and 100",
+        );
+    }
     if row.weight.is_some_and(|w| !(0.0..).contains(&w)) {
         return bad("its weight is negative".into(), "give a weight of 0 or more");
     }
@@ -217,6 +223,16 @@ fn match_nodes(
     };
     let (nodes, distances): (Vec<u32>, Vec<f64>) = points.iter().map(|point| nearest(point.position)).unzip();
 
+    let (low, high) =
+        positions.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
+    let size = high.distance(low);
+    if let Some((point, distance)) = points.iter().zip(&distances).find(|(_, d)| **d > size) {
+        return Err(FitError::invalid(
+            format!("line {} (point `{}`)", point.line, point.name),
+            format!("it is {distance:.3} m from the mesh, which is {size:.3} m across"),
+            "check the unit and the frame of samples and mesh",
+        ));
+    }
     let mut owner: HashMap<u32, &Point> = HashMap::new();
     for (point, &node) in points.iter().zip(&nodes) {
         if let Some(other) = owner.insert(node, point) {
@@ -230,9 +246,7 @@ fn match_nodes(
             ));
         }
     }
-    let (low, high) =
-        positions.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
-    let far = 0.05 * high.distance(low);
+    let far = 0.05 * size;
     if let Some((point, distance)) = points.iter().zip(&distances).find(|(_, d)| **d > far) {
         notes.push(format!(
             "point `{}` lies {:.3} mm from the nearest node: are samples and mesh in the same frame, and both in m?",

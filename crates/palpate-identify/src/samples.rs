@@ -58,9 +58,15 @@ const DIRECTION: [&str; 3] = ["direction_x", "direction_y", "direction_z"];
 /// # Errors
 /// The file can't be read, a column is missing, or a cell does not hold what it should. The message names the line.
 pub fn read_samples(path: &Path) -> Result<Vec<Sample>, FitError> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|source| FitError::Io { file: path.display().to_string(), source })?;
-    parse(&text).map_err(|e| e.in_file(path))
+    let bytes =
+        std::fs::read(path).map_err(|source| FitError::Io { file: path.display().to_string(), source })?;
+    let text = String::from_utf8(bytes).map_err(|e| {
+        let valid = e.as_bytes().iter().take(e.utf8_error().valid_up_to());
+        let line = 1 + valid.filter(|b| **b == b'\n').count();
+        FitError::invalid(format!("line {line}"), "it is not UTF-8 text", "save it as plain text")
+            .in_file(path)
+    });
+    parse(&text?).map_err(|e| e.in_file(path))
 }
 
 fn parse(text: &str) -> Result<Vec<Sample>, FitError> {
@@ -77,7 +83,11 @@ fn parse(text: &str) -> Result<Vec<Sample>, FitError> {
         return Err(FitError::invalid(
             "header",
             format!("there is no column `{missing}`"),
-            format!("the first line names the columns {}", NEEDED.join(",")),
+            if header.len() == 1 && header[0].contains(';') {
+                "separate columns by commas, not semicolons (and write decimal points)".into()
+            } else {
+                format!("the first line names the columns {}", NEEDED.join(","))
+            },
         ));
     }
     if DIRECTION.iter().filter(|name| columns.contains_key(*name)).count() % 3 != 0 {

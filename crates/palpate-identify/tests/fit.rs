@@ -133,12 +133,17 @@ fn the_report_counts_and_measures() {
     assert!(noted("weights between the rows were not used"), "{:?}", report.notes);
     assert!(noted("normal samples of point `c` end at 5.600 mm, others at 7.000 mm"), "{:?}", report.notes);
 
-    for row in &mut rows {
-        row.position_m = row.position_m.map(|x| x * 1e3);
-    }
-    let message = fit(&surface, &rows, &FitOptions::default()).unwrap_err().to_string();
-    assert!(message.contains("nearest to it and to point"), "{message}");
-    let far = fit(&surface, &rows[..9], &FitOptions::default()).unwrap().report;
+    let placed = |place: &dyn Fn([f64; 3]) -> [f64; 3]| -> Vec<Sample> {
+        rows.iter().map(|row| Sample { position_m: place(row.position_m), ..row.clone() }).collect()
+    };
+    let refused = |rows: &[Sample], words: &str| {
+        let message = fit(&surface, rows, &FitOptions::default()).unwrap_err().to_string();
+        assert!(message.contains(words), "{message}");
+    };
+    refused(&placed(&|p| p.map(|x| x * 1e3)), "m from the mesh");
+    refused(&placed(&|p| p.map(|x| x * 1e-6)), "nearest to it and to point");
+    let above = placed(&|[x, y, _]| [x, y, 0.01]);
+    let far = fit(&surface, &above[..9], &FitOptions::default()).unwrap().report;
     assert!(
         far.notes.iter().any(|note| note.contains("point `a` lies") && note.contains("both in m?")),
         "{far:?}"

@@ -44,6 +44,12 @@ impl<'a> Table<'a> {
             bail!("{file}:{header_line}: column {twice} is there twice; remove or rename one");
         }
         let missing = |name: &str| {
+            if names.len() == 1 && header.contains(';') {
+                return anyhow!(
+                    "{file}:{header_line}: column {name} is missing; separate columns by commas, not semicolons (and \
+                     write decimal points)"
+                );
+            }
             anyhow!(
                 "{file}:{header_line}: column {name} is missing among {}; name it in the first line, separated by \
                  commas",

@@ -60,16 +60,21 @@ fn parse(path: &Path, text: &str) -> Result<Vec<Waypoint>> {
     Ok(waypoints)
 }
 
-/// The path at `rate_hz`, from its first time on: positions along straight lines, orientations along great arcs.
+/// The path at `rate_hz`, from its first time on: positions along straight lines, orientations along great arcs. Its
+/// last row is the path's, also where that is no whole number of periods after the first.
 ///
 /// # Errors
-/// A rate that is not positive or asks for more than 10⁸ steps.
+/// A rate that is not finite or not positive, or asks for more than 10⁸ steps.
 pub fn resample(waypoints: &[Waypoint], rate_hz: f64) -> Result<Vec<Waypoint>> {
     let (Some(first), Some(last)) = (waypoints.first(), waypoints.last()) else { return Ok(Vec::new()) };
-    let steps = ((last.time_s - first.time_s) * rate_hz + 1e-6).floor() + 1.0;
-    if !(rate_hz > 0.0 && steps <= MAX_STEPS) {
+    if !(rate_hz > 0.0 && rate_hz.is_finite()) {
+        bail!("--rate-hz {rate_hz}: give a rate above 0 Hz, such as 1000");
+    }
+    let periods = (last.time_s - first.time_s) * rate_hz;
+    let steps = (periods + 1e-6).floor() + 1.0;
+    if steps > MAX_STEPS {
         bail!(
-            "--rate-hz {rate_hz}: it gives {steps} steps; choose a rate that gives between 1 and {MAX_STEPS}"
+            "--rate-hz {rate_hz}: it gives {steps:.3e} steps; choose a rate that gives at most {MAX_STEPS}"
         );
     }
     let mut segment = 0;
@@ -83,7 +88,11 @@ pub fn resample(waypoints: &[Waypoint], rate_hz: f64) -> Result<Vec<Waypoint>> {
         let s = ((time_s - from.time_s) / (to.time_s - from.time_s)).clamp(0.0, 1.0);
         Waypoint { time_s, pose: between(&from.pose, &to.pose, s) }
     };
-    Ok((0..steps as u64).map(at).collect())
+    let mut resampled: Vec<Waypoint> = (0..steps as u64).map(at).collect();
+    if periods + 1.0 - steps > 1e-6 {
+        resampled.push(*last);
+    }
+    Ok(resampled)
 }
 
 fn between(a: &ToolPose, b: &ToolPose, s: f64) -> ToolPose {

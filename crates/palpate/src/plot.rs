@@ -1,5 +1,6 @@
 //! Line charts as PNG files, drawn with the font that the program carries: no system font is needed.
 
+use crate::files;
 use anyhow::{Context, Result, anyhow, bail};
 use plotters::prelude::*;
 use std::ops::Range;
@@ -67,21 +68,35 @@ pub fn save(path: &Path, charts: &[LineChart]) -> Result<()> {
     if charts.is_empty() {
         bail!("{}: no chart to draw", path.display());
     }
-    use_font();
-    let drawn = || -> Result<()> {
-        let area = BitMapBackend::new(path, (WIDTH, HEIGHT * charts.len() as u32)).into_drawing_area();
+    let bytes = png((WIDTH, HEIGHT * charts.len() as u32), |area| {
         area.fill(&WHITE)?;
         for (panel, chart) in area.split_evenly((charts.len(), 1)).iter().zip(charts) {
             draw(panel, chart)?;
         }
-        Ok(area.present()?)
-    };
-    drawn().with_context(|| {
-        format!("{}: can't draw the picture; check that the folder can be written", path.display())
+        Ok(())
     })
+    .with_context(|| format!("{}: can't draw the picture", path.display()))?;
+    files::replace(path, |out| Ok(out.write_all(&bytes)?))
 }
 
-type Panel<'a> = DrawingArea<BitMapBackend<'a>, plotters::coord::Shift>;
+/// The bytes of a PNG file of this many pixels.
+///
+/// # Errors
+/// Whatever `draw` reports, or a folder for temporary files that can't be written: the encoder writes only files.
+pub fn png(size: (u32, u32), draw: impl FnOnce(&Panel) -> Result<()>) -> Result<Vec<u8>> {
+    use_font();
+    let unwritable = "the folder for temporary files can't be written; check that it has room, or set TMPDIR";
+    let folder = tempfile::tempdir().map_err(|_| anyhow!(unwritable))?;
+    let file = folder.path().join("picture.png");
+    let area = BitMapBackend::new(&file, size).into_drawing_area();
+    draw(&area)?;
+    area.present().map_err(|_| anyhow!(unwritable))?;
+    drop(area);
+    std::fs::read(&file).map_err(|_| anyhow!(unwritable))
+}
+
+/// Where a chart is drawn.
+pub type Panel<'a> = DrawingArea<BitMapBackend<'a>, plotters::coord::Shift>;
 
 fn draw(panel: &Panel, chart: &LineChart) -> Result<()> {
     let [x, y] = ranges(chart).ok_or_else(|| anyhow!("the chart '{}' holds no finite point", chart.title))?;

@@ -2,6 +2,7 @@
 
 use crate::path::Waypoint;
 use anyhow::Result;
+use glam::DVec3;
 use palpate_body::Body;
 use palpate_engine::{Ablation, Contact, Counters, Ledger, Output, ToolPose};
 use serde::Serialize;
@@ -81,6 +82,19 @@ pub struct Summary {
     pub counters: Counts,
     /// Rows with each flag.
     pub flags: FlagCounts,
+    /// Rows in which the contact point ran away, or has no stable place to be (docs/model.md).
+    pub snap_steps: u64,
+    /// Rows deeper or farther aside than the curves' last knots.
+    pub extrapolated_steps: u64,
+    /// When the first snap was, s.
+    #[serde(skip)]
+    first_snap_s: f64,
+    /// Rows inside from the path's beginning on, rather than since a contact ended at the border.
+    #[serde(skip)]
+    began_inside: u64,
+    /// The row above.
+    #[serde(skip)]
+    before: Option<(Waypoint, Output)>,
 }
 
 /// [`Ledger`], as JSON.
@@ -126,16 +140,31 @@ pub struct FlagCounts {
 }
 
 impl Summary {
-    /// Counts one output; `before` is the force of the row above.
-    pub fn add(&mut self, output: &Output, before: Option<[f64; 3]>) {
-        let length = |v: [f64; 3]| v.iter().map(|c| c * c).sum::<f64>().sqrt();
-        let force = output.force_n;
+    /// Counts one output of `contact`, which is as it was left by it.
+    pub fn add(&mut self, body: &Body, contact: &Contact, waypoint: &Waypoint, output: &Output) {
         self.steps += 1;
-        self.largest_force_n = self.largest_force_n.max(length(force));
-        if let Some(before) = before {
-            let step = [force[0] - before[0], force[1] - before[1], force[2] - before[2]];
-            self.largest_step_n = self.largest_step_n.max(length(step));
+        self.largest_force_n = self.largest_force_n.max(DVec3::from_array(output.force_n).length());
+        if let Some((_, before)) = &self.before {
+            self.largest_step_n = self.largest_step_n.max(distance(output.force_n, before.force_n));
         }
+        if let Some(c) = &output.contact {
+            let [depth, lateral] = reach(body);
+            // Wider than rounding.
+            self.extrapolated_steps += u64::from(c.delta_z_m > depth + 1e-9 || c.delta_r_m > lateral + 1e-9);
+            let ran_away = self.before.as_ref().is_some_and(|(from, before)| {
+                let allowed = 10.0 * distance(waypoint.pose.position_m, from.pose.position_m) + 1e-4;
+                before.contact.is_some_and(|b| distance(c.position_m, b.position_m) > allowed)
+            });
+            if ran_away || contact.lipschitz_n_per_m(body).is_none() {
+                if self.snap_steps == 0 {
+                    self.first_snap_s = waypoint.time_s;
+                }
+                self.snap_steps += 1;
+            }
+        }
+        // Contacts end at the border before a tip can be inside again without a beginning.
+        self.began_inside += u64::from(output.flags.started_inside && self.flags.border == 0);
+        self.before = Some((*waypoint, *output));
         let (f, n) = (&output.flags, &mut self.flags);
         for (flag, count) in [
             (f.in_contact, &mut n.in_contact),
@@ -183,17 +212,16 @@ impl Summary {
         };
     }
 
-    /// What deserves to be said aloud.
-    pub fn warnings(&self) -> Vec<String> {
+    /// What deserves to be said aloud of a path on `body`.
+    pub fn warnings(&self, body: &Body, path: &[Waypoint], ablation: Ablation) -> Vec<String> {
         let n = &self.flags;
         let said = [
-            (n.started_inside, "began inside the body and felt no force until it had left"),
+            (self.began_inside, "began inside the body and felt no force until it had left"),
             (
                 n.capped,
                 "ran into the bound of the slip search; the lateral force was cut to the friction limit",
             ),
             (n.blocked, "had the contact point held by an edge or vertex"),
-            (n.border, "ended a contact at the surface's border"),
             (
                 n.reanchored,
                 "took up contact anew at the nearest surface point after a release inside the body",
@@ -201,9 +229,64 @@ impl Summary {
             (n.invalid_pose, "had a pose that can't be used"),
             (n.contained, "had a force that was not finite and became 0"),
         ];
-        said.into_iter()
+        let mut warnings: Vec<String> = said
+            .into_iter()
             .filter(|(n, _)| *n > 0)
             .map(|(n, what)| format!("{n} of {} steps {what}", self.steps))
-            .collect()
+            .collect();
+        if n.border > 0 {
+            let ended = count(n.border, "contact");
+            let without_force = match n.started_inside - self.began_inside {
+                0 => String::new(),
+                steps => format!("; {} behind the surface after that had no force", count(steps, "step")),
+            };
+            warnings.push(format!("{ended} ended at the surface's border{without_force}"));
+        }
+        if self.snap_steps > 0 {
+            let cause = match ablation {
+                Ablation::Coordinates | Ablation::Both => "coordinates are not interpolated",
+                _ => "a snap: depth near the surface's radius of curvature, see docs/model.md",
+            };
+            let steps = count(self.snap_steps, "step");
+            warnings.push(format!(
+                "{steps} in which the contact point ran away or could ({cause}), first at t = {} s",
+                self.first_snap_s
+            ));
+        }
+        if self.extrapolated_steps > 0 {
+            let [depth, lateral] = reach(body).map(|m| (m * 1e6).round() / 1e3);
+            warnings.push(format!(
+                "{} beyond the curves' {depth} mm in depth or {lateral} mm aside: forces extrapolated",
+                count(self.extrapolated_steps, "step")
+            ));
+        }
+        if self.contacts == 0 && n.started_inside == 0 {
+            let tips = path.iter().map(|w| DVec3::from_array(w.pose.position_m));
+            let closest = tips.fold(f64::INFINITY, |closest, tip| {
+                body.nearest(tip, closest).map_or(closest, |nearest| nearest.distance.min(closest))
+            });
+            warnings.push(format!(
+                "nothing was touched: the tool came no closer than {:.3} mm; check the path's unit (m) and frame (the \
+                 body's)",
+                (closest - body.tool().radius_m).max(0.0) * 1e3
+            ));
+        }
+        warnings
     }
+}
+
+/// How deep and how far aside the curves go, m.
+fn reach(body: &Body) -> [f64; 2] {
+    let responses = body.responses();
+    [responses.depth_knots(), responses.lateral_knots()]
+        .map(|k| k.values().last().copied().unwrap_or_default())
+}
+
+fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    DVec3::from_array(a).distance(DVec3::from_array(b))
+}
+
+/// `1 step`, `2 steps`.
+pub fn count(n: u64, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }

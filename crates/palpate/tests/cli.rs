@@ -461,3 +461,166 @@ fn wrong_samples_meshes_and_bodies_are_refused() {
     desk.refused("fit --spec spec.toml --friction 1000 -o out.body", &["--friction"]);
     desk.refused("bench --triangles 1", &["--triangles"]);
 }
+
+#[cfg(unix)]
+#[test]
+fn an_output_is_a_file_or_refused() {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+    let desk = Desk::with_body();
+    // Through a link, the file behind it is replaced and keeps its mode.
+    desk.write("real.csv", "old").write("real.body", "old");
+    for (link, real) in [("link.csv", "real.csv"), ("link.body", "real.body")] {
+        symlink(real, desk.path(link)).unwrap();
+        fs::set_permissions(desk.path(real), fs::Permissions::from_mode(0o640)).unwrap();
+    }
+    desk.done("trace c.body --path path.csv -o link.csv");
+    desk.done("fit --spec spec.toml -o link.body");
+    for (link, real) in [("link.csv", "real.csv"), ("link.body", "real.body")] {
+        assert!(desk.path(link).is_symlink());
+        assert_eq!(fs::metadata(desk.path(real)).unwrap().permissions().mode() & 0o777, 0o640);
+    }
+    assert_eq!(rows(&desk.path("real.csv")).len(), 4);
+    assert_eq!(Body::open(&desk.path("real.body")).unwrap().nodes().len(), 288);
+
+    // Devices and pipes take a trace; nothing else replaces them.
+    desk.done("trace c.body --path path.csv -o /dev/null");
+    desk.refused("export c.body --vtu /dev/null", &["/dev/null", "no ordinary file", "give a file's name"]);
+    desk.refused("fit --spec spec.toml -o /dev/null", &["/dev/null", "no ordinary file"]);
+    assert!(Command::new("mkfifo").arg(desk.path("pipe")).status().unwrap().success());
+    let reader = std::thread::spawn({
+        let pipe = desk.path("pipe");
+        move || fs::read(pipe).unwrap()
+    });
+    desk.done("trace c.body --path path.csv -o pipe");
+    assert!(reader.join().unwrap() == fs::read(desk.path("real.csv")).unwrap());
+    symlink("nowhere", desk.path("dangling")).unwrap();
+    desk.refused("trace c.body --path path.csv -o dangling", &["dangling", "leads nowhere"]);
+
+    // Complaints name the output, not the temporary file.
+    for args in ["trace c.body --path path.csv -o no/t.csv", "fit --spec spec.toml -o no/t.body"] {
+        desk.refused(args, &["no/t."]);
+        assert!(!desk.run(args).stderr.contains(".tmp"), "{}", desk.run(args).stderr);
+    }
+    if Path::new("/dev/full").exists() {
+        desk.refused("trace c.body --path path.csv -o /dev/full", &["/dev/full: can't be written"]);
+    }
+    fs::create_dir_all(desk.path("plots/normal.png")).unwrap();
+    desk.refused("inspect c.body --plots plots", &["normal.png", "folder"]);
+}
+
+#[test]
+fn outputs_are_no_inputs_and_not_each_other() {
+    let desk = Desk::with_body();
+    let body = fs::read(desk.path("c.body")).unwrap();
+    fs::create_dir(desk.path("d")).unwrap();
+    for name in ["nodes.csv", "elements.csv", "curves.csv"] {
+        desk.write(&format!("d/{name}"), &body);
+        desk.refused(&format!("export d/{name} --csv d"), &[name, "input"]);
+    }
+    desk.write("d/friction.png", &body);
+    desk.refused("inspect d/friction.png --plots d", &["friction.png", "input"]);
+    desk.refused("export c.body --vtu new/curves.csv --csv new", &["curves.csv", "also the output"]);
+    desk.refused("export c.body --vtu ./new/../c.body", &["c.body"]);
+    assert!(!desk.path("new").exists());
+    for file in ["c.body", "d/nodes.csv", "d/friction.png"] {
+        assert!(body == fs::read(desk.path(file)).unwrap(), "{file}");
+    }
+}
+
+#[test]
+fn a_resampled_path_keeps_its_end() {
+    let desk = Desk::with_body();
+    desk.write("short.csv", "time_s,x_m,y_m,z_m\n0,0,0.04,0\n0.0105,0,0.035,0\n");
+    desk.done("trace c.body --path short.csv --rate-hz 1000 -o t.csv");
+    let rows = rows(&desk.path("t.csv"));
+    assert_eq!(rows.len(), 12);
+    assert_eq!(rows[11][..4], [0.0105, 0.0, 0.035, 0.0]);
+    for rate in ["nan", "inf", "0", "-5"] {
+        let args = format!("trace c.body --path short.csv --rate-hz={rate} -o t.csv");
+        desk.refused(&args, &[&format!("--rate-hz {}", rate.replace("nan", "NaN")), "above 0 Hz"]);
+    }
+}
+
+#[test]
+fn a_trace_tells_of_snaps_and_extrapolation() {
+    let desk = Desk::with_body();
+    // Deep: past the axis the surface's curvature leaves the contact point no stable place.
+    desk.write(
+        "deep.csv",
+        "time_s,x_m,y_m,z_m\n0,0.0005,0.032,0.001\n1,0.0005,0.027,0.001\n2,0.004,-0.01,0.001\n",
+    );
+    let trace = "trace c.body --path deep.csv --rate-hz 100 -o t.csv";
+    let summary = desk.json(&format!("{trace} --json"));
+    assert!(summary["snap_steps"].as_u64().unwrap() > 0, "{summary}");
+    assert!(summary["extrapolated_steps"].as_u64().unwrap() > 0, "{summary}");
+    let told = desk.done(trace).stderr;
+    for words in ["a snap", "docs/model.md), first at t = ", "8 mm", "extrapolated", "1 contact,"] {
+        assert!(told.contains(words), "`{words}` is not in: {told}");
+    }
+
+    let summary = desk.json("trace c.body --path path.csv --rate-hz 1000 -o t.csv --json");
+    assert_eq!((&summary["snap_steps"], &summary["extrapolated_steps"]), (&0.into(), &0.into()));
+    let told = desk.done("trace c.body --path path.csv --rate-hz 1000 -o t.csv").stderr;
+    assert!(
+        !told.contains("snap") && !told.contains("extrapolated") && told.contains("1 contact,"),
+        "{told}"
+    );
+
+    desk.write("far.csv", "time_s,x_m,y_m,z_m\n0,0.001,0.04,0.001\n1,0.001,0.5,0.001\n");
+    let told = desk.done("trace c.body --path far.csv -o t.csv").stderr;
+    assert!(
+        told.contains("nothing was touched") && told.contains("closer than 10.") && told.contains("unit"),
+        "{told}"
+    );
+}
+
+#[test]
+fn a_contact_that_ends_at_the_border_did_not_begin_inside() {
+    let desk = Desk::with_body();
+    let path =
+        "time_s,x_m,y_m,z_m\n0,0.001,0.032,0.04\n1,0.001,0.026,0.04\n2,0.001,0.026,0.07\n3,0.001,0.026,0\n";
+    desk.write("over.csv", path);
+    let told = desk.done("trace c.body --path over.csv --rate-hz 1000 -o t.csv").stderr;
+    assert!(told.contains("1 contact ended at the surface's border"), "{told}");
+    assert!(!told.contains("began inside"), "{told}");
+}
+
+#[test]
+fn fit_tells_of_folds_and_refuses_what_cannot_be() {
+    let desk = Desk::new();
+    mesh_and_samples(&desk);
+    let fit = "fit --mesh sphere.obj --unit mm --samples samples.csv --friction 0.3 -o s.body";
+    assert!(!desk.done(fit).stderr.contains("folded"));
+    // One vertex pushed past its neighbours along the surface.
+    let obj = fs::read_to_string(desk.path("sphere.obj")).unwrap();
+    let mut positions: Vec<[f64; 3]> = Vec::new();
+    for line in obj.lines().filter_map(|l| l.strip_prefix("v ")) {
+        let v: Vec<f64> = line.split(' ').map(|x| x.parse().unwrap()).collect();
+        positions.push([v[0], v[1], v[2]]);
+    }
+    let start = positions.iter().position(|p| p[0] > 15.0).unwrap();
+    let [x, y, z] = positions[start];
+    let aside = [x * 0.9, y + 6.0, z + 1.0];
+    let length = aside.iter().map(|c| c * c).sum::<f64>().sqrt();
+    positions[start] = aside.map(|c| 20.0 * c / length);
+    let vertices = positions.iter().map(|[x, y, z]| format!("v {x} {y} {z}\n"));
+    let faces = obj.lines().filter(|l| l.starts_with("f ")).map(|l| format!("{l}\n"));
+    desk.write("sphere.obj", vertices.chain(faces).collect::<String>());
+    let told = desk.done(fit).stderr;
+    assert!(told.contains("folded back, first triangle ") && told.contains("mesh editor"), "{told}");
+
+    let samples = fs::read_to_string(desk.path("samples.csv")).unwrap();
+    desk.write("bad.csv", format!("{samples}north,0,0,0.0201,friction,0.001,101\n"));
+    let bad = fit.replace("samples.csv", "bad.csv");
+    desk.refused(&bad, &["bad.csv: line 14", "101", "between 0 and 100"]);
+    desk.write("bad.csv", samples.replace("0,0,0.0201,", "0,0,34.6,"));
+    desk.refused(
+        &bad,
+        &["bad.csv: line 2 (point `north`)", "34.580 m from the mesh", "the unit and the frame"],
+    );
+    desk.write("bad.csv", samples.replace(',', ";"));
+    desk.refused(&bad, &["bad.csv", "not semicolons"]);
+    desk.write("bad.csv", [samples.as_bytes(), b"\xff\n"].concat());
+    desk.refused(&bad, &["bad.csv: line 14", "UTF-8"]);
+    desk.refused("fit --mesh tissue.msh --unit mm --samples samples.csv -o s.body", &["tissue.msh", "Gmsh"]);
+}

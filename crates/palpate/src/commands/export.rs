@@ -32,17 +32,20 @@ pub struct Args {
 /// # Errors
 /// See [`Failure`].
 pub fn run(args: &Args) -> Result<(), Failure> {
+    let in_folder = |name: &str| args.csv.as_ref().map(|folder| folder.join(name));
+    let tables = ["nodes.csv", "elements.csv", "curves.csv"].map(in_folder);
+    let outputs: Vec<_> = args.vtu.iter().chain(tables.iter().flatten()).collect();
+    files::refuse_overwrite(&outputs, &[&args.body])?;
     let body = Body::open(&args.body)?;
     if let Some(path) = &args.vtu {
-        files::refuse_overwrite(path, &[&args.body])?;
         files::replace(path, |out| vtu::write(&body, out))?;
         console::note(&format!("wrote {}", path.display()));
     }
-    if let Some(folder) = &args.csv {
+    if let (Some(folder), [Some(nodes), Some(elements), Some(curves)]) = (&args.csv, &tables) {
         files::make_folder(folder)?;
-        files::replace(&folder.join("nodes.csv"), |out| tables::write_nodes(&body, out))?;
-        files::replace(&folder.join("elements.csv"), |out| tables::write_elements(&body, out))?;
-        files::replace(&folder.join("curves.csv"), |out| tables::write_curves(&body, out))?;
+        files::replace(nodes, |out| tables::write_nodes(&body, out))?;
+        files::replace(elements, |out| tables::write_elements(&body, out))?;
+        files::replace(curves, |out| tables::write_curves(&body, out))?;
         console::note(&format!("wrote nodes.csv, elements.csv and curves.csv into {}", folder.display()));
     }
     Ok(())

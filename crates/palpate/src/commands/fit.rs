@@ -97,7 +97,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let inputs: Vec<&Path> =
         [args.spec.as_deref(), mesh, args.samples.as_deref()].into_iter().flatten().collect();
-    files::refuse_overwrite(&args.output, &inputs)?;
+    files::refuse_overwrite(&[&args.output], &inputs)?;
 
     let mut notes = Vec::new();
     if let (Some(spec), Some(path)) = (&spec, &args.spec) {
@@ -107,6 +107,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         );
     }
     let surface = surface(args, spec.as_ref(), mesh, &mut notes)?;
+    notes.extend(folds(&surface));
     let (mixes, responses, test_point_nodes, fitted) = responses(args, spec.as_ref(), &surface)?;
     if let Some(report) = &fitted {
         notes.extend(report.notes.iter().cloned());
@@ -150,6 +151,37 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
+/// What the surface's folds do to a contact.
+fn folds(surface: &Surface) -> Vec<String> {
+    let (positions, inward) = (surface.positions(), surface.inward_normals());
+    let is_folded = |e: &palpate_body::Element| {
+        let [a, b, c] = e.nodes.map(|n| positions[n as usize]);
+        let outward = (b - a).cross(c - a);
+        e.nodes.iter().any(|&n| inward[n as usize].dot(outward) > 0.0)
+    };
+    let folded = surface.elements().iter().enumerate().filter(|(_, e)| is_folded(e));
+    let folded: Vec<(usize, DVec3)> =
+        folded.map(|(t, e)| (t, positions[e.nodes[0] as usize] * 1e3)).collect();
+    let mut notes = Vec::new();
+    if let Some((t, p)) = folded.first() {
+        notes.push(format!(
+            "{} folded back, first triangle {t} at ({:.3}, {:.3}, {:.3}) mm: contact there will not be smooth; untangle \
+             it in a mesh editor",
+            if folded.len() == 1 { "1 triangle is".into() } else { format!("{} triangles are", folded.len()) },
+            p.x,
+            p.y,
+            p.z
+        ));
+    }
+    if surface.smoothed_normals() > 0 {
+        notes.push(format!(
+            "nodes in folds whose normals were taken from those around: {}; untangle the mesh there",
+            surface.smoothed_normals()
+        ));
+    }
+    notes
+}
+
 /// The surface, repaired.
 fn surface(
     args: &Args,
@@ -160,6 +192,9 @@ fn surface(
     let crease_angle = args.crease_angle_deg.map(f64::to_radians).or(spec.and_then(|s| s.crease_angle));
     let crease_angle = crease_angle.unwrap_or(f64::INFINITY);
     if let Some(path) = mesh {
+        if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("msh")) {
+            bail!("{}: .msh files are not read; convert it to .stl or .vtk, e.g. with Gmsh", path.display());
+        }
         let triangles = import::read(path, args.unit.or(spec.and_then(|s| s.unit)))?;
         let options = Options { allow_open: args.open || spec.is_some_and(|s| s.open) };
         let (triangles, report) = repair::repair(triangles, options).map_err(|e| e.in_file(path))?;
@@ -267,6 +302,9 @@ fn tell_points(report: &FitReport) {
     // Of many points the farthest tell enough.
     let mut points: Vec<_> = report.points.iter().collect();
     if points.len() > 24 {
+        if report.largest_distance_m <= 1e-6 {
+            return;
+        }
         points.sort_by(|a, b| b.distance_m.total_cmp(&a.distance_m));
         points.truncate(12);
         console::note("the 12 points farthest from their nodes:");

@@ -31,9 +31,12 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let body = Body::open(&args.body)?;
     if let Some(folder) = &args.plots {
+        let charts = charts(&body).map(|(name, chart)| (folder.join(name), chart));
+        let outputs: Vec<_> = charts.iter().map(|(path, _)| path).collect();
+        files::refuse_overwrite(&outputs, &[&args.body])?;
         files::make_folder(folder)?;
-        for (name, chart) in charts(&body) {
-            plot::save(&folder.join(name), &[chart])?;
+        for (path, chart) in charts {
+            plot::save(&path, &[chart])?;
         }
     }
     let inspection = inspect(&body);

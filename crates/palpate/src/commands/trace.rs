@@ -1,7 +1,7 @@
 //! `palpate trace`.
 
 use super::Failure;
-use crate::trace::{COLUMNS, Summary, rollout, write_row};
+use crate::trace::{COLUMNS, Summary, count, rollout, write_row};
 use crate::{console, files, path};
 use palpate_body::Body;
 use palpate_engine::Ablation;
@@ -36,7 +36,7 @@ pub struct Args {
     /// Interpolation to take away, as in the paper's section 5
     #[arg(long, value_enum)]
     ablate: Option<Ablate>,
-    /// Resample the path to this rate, Hz; without it the rows are the steps
+    /// Resample the path to this rate, Hz; its end is kept; without it the rows are the steps
     #[arg(long, value_name = "N")]
     rate_hz: Option<f64>,
     /// Print a summary as JSON
@@ -61,7 +61,7 @@ enum Ablate {
 /// # Errors
 /// See [`Failure`].
 pub fn run(args: &Args) -> Result<(), Failure> {
-    files::refuse_overwrite(&args.output, &[&args.body, &args.path])?;
+    files::refuse_overwrite(&[&args.output], &[&args.body, &args.path])?;
     let body = Body::open(&args.body)?;
     let mut waypoints = path::read(&args.path)?;
     if let Some(rate_hz) = args.rate_hz {
@@ -77,28 +77,30 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
 
     let mut summary = Summary::default();
-    files::replace(&args.output, |out| {
+    files::replace_or_stream(&args.output, |out| {
         writeln!(out, "{COLUMNS}")?;
         let mut rollout = rollout(&body, waypoints.iter().map(|w| w.pose), ablation);
-        let mut before = None;
         for waypoint in &waypoints {
             let Some(output) = rollout.next() else { break };
             write_row(out, waypoint, &output)?;
-            summary.add(&output, before);
-            before = Some(output.force_n);
+            summary.add(&body, rollout.contact(), waypoint, &output);
         }
         summary.finish(rollout.contact());
         Ok(())
     })?;
 
-    for warning in summary.warnings() {
+    for warning in summary.warnings(&body, &waypoints, ablation) {
         console::note(&warning);
     }
     if args.json {
         console::json(&summary)?;
     } else {
         let Summary { steps, contacts, largest_force_n, .. } = summary;
-        console::note(&format!("{steps} steps, {contacts} contacts, largest force {largest_force_n:.3} N"));
+        console::note(&format!(
+            "{}, {}, largest force {largest_force_n:.3} N",
+            count(steps, "step"),
+            count(contacts, "contact")
+        ));
     }
     Ok(())
 }

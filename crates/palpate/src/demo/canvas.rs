@@ -1,6 +1,6 @@
 //! A picture: drawn at twice its size and averaged down, so that lines and letters have smooth edges.
 
-use crate::plot::use_font;
+use crate::plot::{png, use_font};
 use anyhow::Result;
 use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
@@ -88,8 +88,8 @@ pub fn paint(path: &Path, (width, height): (u32, u32), draw: impl FnOnce(&Area) 
             pixels.extend([0, 1, 2].map(|c| mean(c) as u8));
         }
     }
-    let area = BitMapBackend::new(path, (width, height)).into_drawing_area();
     let picture = BitMapElement::with_owned_buffer((0, 0), (width, height), pixels);
-    area.draw(&picture.ok_or_else(|| anyhow::anyhow!("a picture of the wrong size"))?)?;
-    Ok(area.present()?)
+    let picture = picture.ok_or_else(|| anyhow::anyhow!("a picture of the wrong size"))?;
+    let bytes = png((width, height), |area| Ok(area.draw(&picture)?))?;
+    Ok(std::fs::write(path, bytes)?)
 }

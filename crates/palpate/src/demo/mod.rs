@@ -13,9 +13,10 @@ pub mod sound;
 pub mod view;
 pub mod words;
 
-use anyhow::{Context, Result};
+use crate::files;
+use anyhow::{Context, Result, anyhow};
 use experiment::{Rate, SETTINGS, roll_out};
-use palpate_body::Body;
+use palpate_body::{Body, BodyError};
 use report::Report;
 use std::path::Path;
 use std::time::Instant;
@@ -30,9 +31,11 @@ pub fn run(folder: &Path) -> Result<Report> {
     let unwritable =
         || format!("{}: can't write the results; check that the folder can be written", folder.display());
     std::fs::create_dir_all(folder).with_context(unwritable)?;
-    // Inside the folder, so that renaming stays on one disk.
-    let unfinished =
-        tempfile::Builder::new().prefix(".unfinished-").tempdir_in(folder).with_context(unwritable)?;
+    // Inside the folder: where these files have room, so have those that replace the old ones.
+    let unfinished = tempfile::Builder::new()
+        .prefix(".unfinished-")
+        .tempdir_in(folder)
+        .map_err(|e| anyhow!("{} ({})", unwritable(), e.kind()))?;
 
     let body = cylinder::body()?;
     let rates = [(1e3, true), (1e4, true), (1e5, false)].map(|(hz, keep)| roll_out(&body, hz, keep));
@@ -40,7 +43,8 @@ pub fn run(folder: &Path) -> Result<Report> {
     let files =
         write(unfinished.path(), folder, &body, &rates, &mut report, started).with_context(unwritable)?;
     for file in files {
-        std::fs::rename(unfinished.path().join(&file), folder.join(&file)).with_context(unwritable)?;
+        let bytes = std::fs::read(unfinished.path().join(&file)).with_context(unwritable)?;
+        files::replace(&folder.join(&file), |out| Ok(out.write_all(&bytes)?))?;
     }
     Ok(report)
 }
@@ -64,7 +68,11 @@ fn write(
         setting.sound_peak_n_per_s = loudness.peak;
         report.sound.cut_samples += loudness.cut;
     }
-    body.save(&into.join("cylinder.body"))?;
+    body.save(&into.join("cylinder.body")).map_err(|e| match e {
+        // The file it names is an unfinished one.
+        BodyError::Io { source, .. } => source.into(),
+        other => anyhow!(other),
+    })?;
     save_path(&into.join("path.csv"), coarse.hz)?;
     report.seconds = started.elapsed().as_secs_f64();
     std::fs::write(into.join("report.json"), serde_json::to_string_pretty(report)? + "\n")?;
