@@ -68,6 +68,19 @@ enum Mix {
     Wide,
 }
 
+impl Mix {
+    #[inline]
+    fn of([a, b, c]: [&Node; 3]) -> Self {
+        if a.weights[0] == 1.0 && b.weights[0] == 1.0 && c.weights[0] == 1.0 {
+            Mix::Own
+        } else if a.test_points == b.test_points && a.test_points == c.test_points {
+            Mix::Shared
+        } else {
+            Mix::Wide
+        }
+    }
+}
+
 /// The state of the force law at one contact point and tip.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Field {
@@ -100,24 +113,18 @@ impl<'a> Site<'a> {
     #[inline]
     pub fn new(body: &'a Body, law: Law, element: u32) -> Self {
         let nodes = body.element_nodes(element);
-        let [a, b, c] = nodes;
-        let mix = if a.weights[0] == 1.0 && b.weights[0] == 1.0 && c.weights[0] == 1.0 {
-            Mix::Own
-        } else if a.test_points == b.test_points && a.test_points == c.test_points {
-            Mix::Shared
-        } else {
-            Mix::Wide
-        };
-        Site { body, law, element, nodes, mix, depth: Rows::NONE, lateral: Rows::NONE }
+        Site { body, law, element, nodes, mix: Mix::of(nodes), depth: Rows::NONE, lateral: Rows::NONE }
     }
 
     /// Another element; the curves stay where it mixes the same test points.
     #[inline]
     pub fn move_to(&mut self, element: u32) {
-        let before = *self;
-        *self = Site::new(self.body, self.law, element);
-        if self.mix == Mix::Shared && before.mix == Mix::Shared && self.points() == before.points() {
-            (self.depth, self.lateral) = (before.depth, before.lateral);
+        let (mix, points) = (self.mix, self.points());
+        self.element = element;
+        self.nodes = self.body.element_nodes(element);
+        self.mix = Mix::of(self.nodes);
+        if mix != Mix::Shared || self.mix != Mix::Shared || self.points() != points {
+            (self.depth, self.lateral) = (Rows::NONE, Rows::NONE);
         }
     }
 
