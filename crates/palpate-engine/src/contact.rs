@@ -220,7 +220,7 @@ impl Contact {
     }
 
     /// Stage 4: the contact ends, at δz ≤ 0 or over the border. A tip that is then still inside, in a concave facet or
-    /// another sheet, touches anew at its nearest surface point.
+    /// another sheet, touches anew at its nearest surface point, and one that ran into something else on its way, there.
     #[cold]
     fn release(
         &mut self,
@@ -267,8 +267,8 @@ impl Contact {
     /// leave one sheet and enter another in the same step.
     fn beyond(&self, body: &Body, at: SurfacePoint, field: &Field, tip: DVec3) -> Option<SurfacePoint> {
         let State::Touching { tip: from, .. } = self.state else { return None };
-        let height = (from - field.c).dot(-field.u()) - self.law.radius_m;
-        let fraction = height / (height + field.depth);
+        let before = (from - field.c).dot(field.u()) + self.law.radius_m;
+        let fraction = before / (before - field.depth);
         let out =
             from + (tip - from) * fraction.clamp(0.0, 1.0) + body.outward(at.element) * (2.0 * ON_SURFACE);
         body.first_touch(out, tip, self.law.radius_m).map(|t| t.at)

@@ -7,17 +7,16 @@
 //! Curves pass through every sample: what is noisy must be smoothed first.
 //!
 //! ```no_run
-//! use palpate_body::{Body, BodyParts, Provenance, SlipRule, Surface, Tool};
+//! use palpate_body::{Body, BodyParts, Provenance, SlipRule, Tool, shape::Shape};
 //! use palpate_identify::{Fit, FitOptions, fit, read_samples};
 //!
-//! # fn surface() -> Surface { unimplemented!() }
-//! let surface: Surface = surface();
-//! let samples = read_samples("liver.csv".as_ref())?;
+//! let surface = Shape::Sphere { radius_mm: 30.0 }.surface(Default::default())?;
+//! let samples = read_samples("ball.csv".as_ref())?;
 //! let Fit { mixes, responses, test_point_nodes, report } = fit(&surface, &samples, &FitOptions::default())?;
 //! println!("the points lie within {} m of their nodes", report.largest_distance_m);
 //! let (tool, slip, provenance) = (Tool::point(), SlipRule::Paper, Provenance::default());
 //! let body = Body::new(BodyParts { surface, mixes, responses, test_point_nodes, tool, slip, provenance })?;
-//! body.save("liver.body".as_ref())?;
+//! body.save("ball.body".as_ref())?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 

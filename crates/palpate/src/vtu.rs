@@ -99,15 +99,7 @@ fn doubles<'a>(
     rows: usize,
     row: impl Fn(usize) -> Vec<f64> + 'a,
 ) -> Array<'a> {
-    Array {
-        name,
-        kind: "Float64",
-        components,
-        size: (8 * components * rows) as u64,
-        write: Box::new(move |out| {
-            (0..rows).try_for_each(|i| row(i).iter().try_for_each(|v| out.write_all(&v.to_le_bytes())))
-        }),
-    }
+    array("Float64", f64::to_le_bytes, name, components, rows, row)
 }
 
 fn integers<'a>(
@@ -116,13 +108,25 @@ fn integers<'a>(
     rows: usize,
     row: impl Fn(usize) -> Vec<u32> + 'a,
 ) -> Array<'a> {
+    array("UInt32", u32::to_le_bytes, name, components, rows, row)
+}
+
+/// An array of VTK's type `kind`, whose numbers are `WIDTH` bytes each.
+fn array<'a, T: Copy + 'a, const WIDTH: usize>(
+    kind: &'static str,
+    bytes: fn(T) -> [u8; WIDTH],
+    name: &'static str,
+    components: usize,
+    rows: usize,
+    row: impl Fn(usize) -> Vec<T> + 'a,
+) -> Array<'a> {
     Array {
         name,
-        kind: "UInt32",
+        kind,
         components,
-        size: (4 * components * rows) as u64,
+        size: (WIDTH * components * rows) as u64,
         write: Box::new(move |out| {
-            (0..rows).try_for_each(|i| row(i).iter().try_for_each(|v| out.write_all(&v.to_le_bytes())))
+            (0..rows).try_for_each(|i| row(i).iter().try_for_each(|v| out.write_all(&bytes(*v))))
         }),
     }
 }
