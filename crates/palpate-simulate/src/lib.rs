@@ -1,0 +1,19 @@
+//! What force a soft body answers a tool with: large deformations of hyperelastic bodies by finite elements.
+//!
+//! A [`TetMesh`] and a [`Material`] for each of its regions make a [`Model`]; [`Model::simulate`] presses a [`Tool`]
+//! in at one point of the surface, drags it, and gives the forces as [`PointPaths`]. Nothing here knows how curves
+//! are made from them, nor of the engine that plays them back.
+//!
+//! All is in m, N, Pa, J, rad. Results are the same bits for the same input on one machine, whatever runs beside.
+
+#![warn(missing_docs)]
+
+mod error;
+pub mod material;
+pub mod mesh;
+pub mod path;
+pub mod tool;
+
+pub use error::{Result, SimulateError};
+pub use mesh::TetMesh;
+pub use path::{Contact, Drag, Path, PointPaths, PointPlan, State, Stop};

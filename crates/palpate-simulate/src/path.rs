@@ -1,0 +1,86 @@
+//! What is asked of a simulation at one point of the surface, and what comes of it.
+
+use glam::DVec3;
+
+/// How the tool holds the body while it presses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Contact {
+    /// Pressing, the surface slides freely along the tool and may leave it. Dragging, what is pressed to the tool
+    /// sticks.
+    Frictionless,
+    /// The surface within a geodesic radius of the point moves with the tool, whatever its shape.
+    Bonded {
+        /// m.
+        patch_radius_m: f64,
+    },
+}
+
+/// The load paths at one point: pressed in along `inward` to each depth in turn; from some of them, dragged.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PointPlan {
+    /// On the surface at rest, m. The tip starts where the tool touches the mesh on the line through it.
+    pub point: DVec3,
+    /// Unit vector u^z into the body.
+    pub inward: DVec3,
+    /// Ascending, positive, m. Each is a state of the result.
+    pub depths: Vec<f64>,
+    /// Each starts anew from the pressed state.
+    pub drags: Vec<Drag>,
+}
+
+/// A drag at constant depth, sticking.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Drag {
+    /// From this one of the depths.
+    pub from: usize,
+    /// Unit vector, perpendicular to `inward`.
+    pub direction: DVec3,
+    /// Ascending, positive, m. Each is a state of the result.
+    pub distances: Vec<f64>,
+}
+
+/// What came of a point's load paths.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PointPaths {
+    /// Pressing: a state for each depth that was reached.
+    pub press: Path,
+    /// One for each drag of the plan; empty where the press did not reach its depth.
+    pub drags: Vec<Path>,
+}
+
+/// One load path.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Path {
+    /// As far as it went.
+    pub states: Vec<State>,
+    /// Why it ended early.
+    pub stopped: Option<Stop>,
+}
+
+/// An equilibrium.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct State {
+    /// How far the tool is pressed in, m.
+    pub depth_m: f64,
+    /// How far it is dragged, m.
+    pub distance_m: f64,
+    /// On the body, N.
+    pub force_n: DVec3,
+    /// Of that force about the tool's tip, N m.
+    pub torque_n_m: DVec3,
+    /// Of the surface at rest that touches, m².
+    pub patch_m2: f64,
+    /// Displacement of each node of the mesh's boundary, in the order of [`crate::mesh::Boundary::nodes`], m.
+    pub displacement_m: Vec<[f32; 3]>,
+    /// Newton steps spent on it.
+    pub iterations: u32,
+}
+
+/// Why a path ended before its last state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stop {
+    /// The depth or distance that could not be reached, m.
+    pub at_m: f64,
+    /// In words.
+    pub why: String,
+}
