@@ -156,6 +156,7 @@ impl Moduli {
 
 impl Material {
     /// ψ_d, its stress and tangent at F. Real-time: no, but it doesn't allocate.
+    #[inline(always)]
     pub fn distortion(&self, f: &Tensor, out: &mut Density) {
         match *self {
             Material::NeoHookean { mu_pa, .. } => neo_hookean(mu_pa, f, out),
