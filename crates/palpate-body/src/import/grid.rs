@@ -1,7 +1,6 @@
 //! What a VTK file holds, whatever the dimension of its cells.
 
 use super::{BodyError, Result, add_vertex, index, vtk, vtk_xml};
-use crate::surface::TriangleMesh;
 use glam::DVec3;
 use std::path::Path;
 
@@ -34,15 +33,6 @@ impl Grid {
             super::Format::VtkXml => vtk_xml::read(bytes, wanted),
             _ => Err(BodyError::invalid("file name", "it is no VTK file", "give .vtk, .vtu or .vtp")),
         }
-    }
-
-    /// The polygons and surface cells, as triangles, in the file's unit.
-    ///
-    /// # Errors
-    /// Solid cells; cells of a kind that isn't read.
-    pub fn surface(self) -> Result<TriangleMesh> {
-        let super::Soup { positions, triangles } = vtk::surface(self)?;
-        Ok(TriangleMesh { positions, triangles })
     }
 
     pub(super) fn point(&mut self, p: [f64; 3], place: impl Fn() -> String) -> Result<()> {
