@@ -1,5 +1,7 @@
 //! Tetrahedra with ten nodes, in which all is computed.
 
+pub mod import;
+
 use glam::DVec3;
 use std::collections::{BTreeMap, HashMap};
 
