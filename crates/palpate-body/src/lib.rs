@@ -45,5 +45,5 @@ pub use body::{Body, BodyParts, Node, NodeMix, Provenance, SlipRule, Tool};
 pub use curve::{Curve, Extension, Interpolation};
 pub use error::{BodyError, Result};
 pub use response::{Response, Responses, Rows, Sample};
-pub use search::{Nearest, SurfacePoint, Touch};
+pub use search::{MeshSearch, Nearest, SurfacePoint, Touch};
 pub use surface::{Element, NO_TWIN, Surface, TriangleMesh};

@@ -129,6 +129,21 @@ impl Model {
         Ok(model)
     }
 
+    /// Scratch.
+    pub fn timing(&self) {
+        let cpu = || { let s = std::fs::read_to_string("/proc/self/stat").unwrap(); let f: Vec<&str> = s.split(' ').collect(); f[13].parse::<f64>().unwrap() / 100.0 };
+        let zero = vec![0.0; self.held.len()];
+        let (mut g, mut k) = (zero.clone(), Stiffness::default());
+        let t = cpu(); for _ in 0..10 { self.assemble(&zero, &mut g, &mut k); } println!("assemble {:.4}", (cpu() - t) / 10.0);
+        let t = cpu(); for _ in 0..10 { self.energy(&zero); } println!("energy {:.4}", (cpu() - t) / 10.0);
+        let t = cpu(); for _ in 0..3 { let _ = self.symbolic.factor(&self.pattern, &k, &self.held); } println!("factor {:.4}", (cpu() - t) / 3.0);
+        let mut x = vec![1.0f32; zero.len()]; let mut s = Vec::new();
+        let t = cpu(); for _ in 0..20 { self.symbolic.solve(&self.rest_factor, &mut x, &mut s); } println!("solve {:.4}", (cpu() - t) / 20.0);
+        let y = vec![1.0; zero.len()]; let mut z = zero.clone();
+        let t = cpu(); for _ in 0..20 { k.multiply(&self.pattern, &y, &mut z); } println!("multiply {:.4}", (cpu() - t) / 20.0);
+        println!("factor in solves {}", self.symbolic.factor_in_solves);
+    }
+
     /// As it was given.
     pub fn mesh(&self) -> &TetMesh {
         &self.mesh
