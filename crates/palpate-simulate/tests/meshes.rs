@@ -189,6 +189,61 @@ fn the_liver_is_read() {
     assert!(message.contains("line 1: `$NOD`") && message.contains("gmsh OLD.msh -save"), "{message}");
 }
 
+/// Cubes in six tetrahedra each, as MSH 2.2 and 4.1.
+fn large(n: usize) -> [String; 2] {
+    use std::fmt::Write;
+    let at = |x: usize, y: usize, z: usize| (x * (n + 1) + y) * (n + 1) + z + 1;
+    let (mut tags, mut points, mut elements) = (String::new(), String::new(), [const { String::new() }; 2]);
+    let mut nodes = String::new();
+    let mut e = 0;
+    for (x, y, z) in (0..=n).flat_map(|x| (0..=n).flat_map(move |y| (0..=n).map(move |z| (x, y, z)))) {
+        let p = [x, y, z].map(|i| i as f64 / n as f64);
+        writeln!(nodes, "{} {} {} {}", at(x, y, z), p[0], p[1], p[2]).unwrap();
+        writeln!(tags, "{}", at(x, y, z)).unwrap();
+        writeln!(points, "{} {} {}", p[0], p[1], p[2]).unwrap();
+        if x < n && y < n && z < n {
+            let c = |i: usize| at(x + (i & 1), y + (i >> 1 & 1), z + (i >> 2));
+            for [a, b] in [[1, 3], [3, 2], [2, 6], [6, 4], [4, 5], [5, 1]] {
+                e += 1;
+                writeln!(elements[0], "{e} 4 2 1 1 {} {} {} {}", c(0), c(a), c(b), c(7)).unwrap();
+                writeln!(elements[1], "{e} {} {} {} {}", c(0), c(a), c(b), c(7)).unwrap();
+            }
+        }
+    }
+    let count = (n + 1).pow(3);
+    [
+        format!(
+            "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n{count}\n{nodes}$EndNodes\n$Elements\n{e}\n{}$EndElements\n",
+            elements[0]
+        ),
+        format!(
+            "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Entities\n0 0 0 1\n1 0 0 0 1 1 1 1 1 0\n$EndEntities\n\
+             $Nodes\n1 {count} 1 {count}\n3 1 0 {count}\n{tags}{points}$EndNodes\n\
+             $Elements\n1 {e} 1 {e}\n3 1 4 {e}\n{}$EndElements\n",
+            elements[1]
+        ),
+    ]
+}
+
+#[test]
+fn large_meshes_are_read_in_seconds() {
+    let n = 40;
+    let [two, four] = large(n).map(|text| {
+        let start = std::time::Instant::now();
+        let Imported::Volume(mesh) =
+            read_bytes(Path::new("a.msh"), text.as_bytes(), LengthUnit::Metre).unwrap()
+        else {
+            panic!("a surface");
+        };
+        println!("{} elements, {} bytes in {:?}", mesh.elements.len(), text.len(), start.elapsed());
+        assert!(start.elapsed().as_secs() < 20);
+        assert_eq!(mesh.elements.len(), 6 * n.pow(3));
+        mesh
+    });
+    assert!((volume(&two) - 1.0).abs() < 1e-9);
+    assert_eq!(two, four);
+}
+
 /// Numbers that look random, the same on every run.
 struct Noise(u64);
 
