@@ -78,7 +78,7 @@ fn gmsh_2_text() {
                 0,
                 b"3 7 \"soft\"",
                 b"3 7 \"so\xff\"",
-                &["line 7: the name `so\\xff` is not UTF-8", "rename the group"],
+                &["line 7: the name `so\\xff` is no plain text in UTF-8", "rename the group"],
             ),
             (0, b"$PhysicalNames\n3", b"$PhysicalNames\n4", &["line 9", "name in quotes", "mend"]),
             (
@@ -116,7 +116,12 @@ fn gmsh_2_text() {
             (0, b"\n3 2 0 0", b"\n2 2 0 0", &["line 14: node 2 is there twice", "remove one of the two"]),
             (0, b"\n3 2 0 0", b"\n-3 2 0 0", &["line 14: -3 is no node number", "export"]),
             (0, b"\n3 2 0 0", b"\n3.5 2 0 0", &["line 14: 3.5 is no node number", "export"]),
-            (0, b"\n3 2 0 0", b"\n3 2e9 0 0", &["node 2 (from 0): it lies at", "check the mesh's unit"]),
+            (
+                0,
+                b"\n3 2 0 0",
+                b"\n3 2e9 0 0",
+                &["node 2 (from 0): a coordinate is 2000000 m", "check the mesh's unit"],
+            ),
             (0, b"\n3 2 0 0", b"\n30 2 0 0", &["there is no node 3", "mend the node"]),
             (
                 0,
@@ -210,7 +215,7 @@ fn gmsh_4_text() {
                 b"1 1 1 7 0 ",
                 b"1 1 2 7 9 0 ",
                 &[
-                    "line 13: a volume belongs to 2 physical groups: soft, hard",
+                    "line 13: a volume belongs to 2 physical groups: `soft`, `hard`",
                     "each element has one material",
                 ],
             ),
@@ -358,7 +363,12 @@ fn legacy_vtk() {
                 b"\n0 0 nan 1",
                 &["line 5: a coordinate of vertex 0 is NaN", "mend the coordinate"],
             ),
-            (0, b"\n0 0 0 1", b"\n0 0 2e6 1", &["node 0 (from 0): it lies at", "check the mesh's unit"]),
+            (
+                0,
+                b"\n0 0 0 1",
+                b"\n0 0 2e6 1",
+                &["node 0 (from 0): a coordinate is 2000 m", "check the mesh's unit"],
+            ),
             (
                 0,
                 b"\n4 0 3 10 4",
@@ -488,7 +498,7 @@ fn tetgen() {
             0,
             b"12  3  1  1",
             b"1e15  3  1  1",
-            &["line 1: 1000000000000000 nodes are announced, which the file can't hold", "mend"],
+            &["line 1: 1e15 nodes are announced, which the file can't hold", "mend"],
         ),
         (0, b"12  3  1  1", b"12  3  2  1", &["line 2: 6 numbers, but a node has 7", "mend the line"]),
         (0, b"12  3  1  1", b"x  3  1  1", &["line 1: `x` is not a number", "mend it"]),

@@ -73,14 +73,10 @@ pub(super) fn parse(name: &Path, bytes: &[u8]) -> Result<Option<Content>> {
                 let problem = format!("a cell of VTK type {kind} is not read");
                 return Err(SimulateError::invalid(place(), problem, "save the tetrahedra alone"));
             }
-            (.., Some(0)) if number != NO_REGION => {
-                nodes.iter().for_each(|n| content.cell(&number.to_string(), std::slice::from_ref(n)));
-            }
-            (4, ..) if number != NO_REGION => {
-                nodes.windows(2).for_each(|line| content.cell(&number.to_string(), line));
-            }
-            _ if number != NO_REGION => content.cell(&number.to_string(), corners(kind, nodes)),
-            _ => {}
+            _ if number == NO_REGION => {}
+            (4, ..) => nodes.windows(2).for_each(|line| content.cell(&content.name(3, number), line)),
+            (.., Some(0)) => nodes.iter().for_each(|n| content.cell(&content.name(3, number), &[*n])),
+            _ => content.cell(&content.name(3, number), corners(kind, nodes)),
         }
     }
     Ok(Some(content))
