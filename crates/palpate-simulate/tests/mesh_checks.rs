@@ -209,15 +209,20 @@ fn free_parts_are_named_and_noted_where_they_touch() {
 }
 
 #[test]
-fn parts_may_hold_each_other_by_three_nodes() {
-    // Two tetrahedra on either side of one with which they share an edge or a face's corners.
-    let top = |z: f64| vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::new(0.2, 0.2, z)];
-    let mut positions = top(1.0);
-    positions.extend([DVec3::new(0.0, -1.0, 0.0), DVec3::new(0.3, -0.5, 1.0)]);
-    let hinged = TetMesh::from_corners(positions, &[[0, 1, 2, 3], [0, 1, 4, 5]]);
-    let held = fixed(&hinged, |p| p.y > 0.1 || p == DVec3::ZERO);
-    let message = check(&hinged, &held).unwrap_err().to_string();
-    assert!(message.contains("part of 1 elements") && message.contains("one line only"), "{message}");
+fn parts_hold_each_other_by_three_nodes_but_not_by_two() {
+    let cube = bar(1, 0.0);
+    let with = |corners: [u32; 4], top: DVec3| {
+        let mut all: Vec<[u32; 4]> = cube.elements.iter().map(|e| [e[0], e[1], e[2], e[3]]).collect();
+        all.push(corners);
+        let mut positions = cube.positions[..8].to_vec();
+        positions.extend([top, top + DVec3::X]);
+        TetMesh::from_corners(positions, &all)
+    };
+    // On three corners of the cube that are no face of its tetrahedra.
+    let mesh = with([1, 3, 4, 8], DVec3::splat(-1.0));
+    check(&mesh, &fixed(&mesh, |p| p.x == 1.0)).unwrap();
+    let hinged = with([4, 5, 8, 9], DVec3::new(2.0, 0.5, -1.0));
+    refused(&hinged, &["part of 1 elements", "one line only, about which it can turn", "face to face"]);
 }
 
 #[test]

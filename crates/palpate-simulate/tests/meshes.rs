@@ -185,6 +185,19 @@ fn surfaces_are_told_from_volumes() {
     let message = read(&fixture("surface.msh"), LengthUnit::Metre).unwrap_err().to_string();
     assert!(message.contains("surface.msh: mesh: there is no tetrahedron in it"), "{message}");
     assert!(matches!(read_any(&fixture("two-meshio.vtu"), LengthUnit::Metre), Ok(Imported::Volume(_))));
+    // A surface's data are nobody's business, a volume's are.
+    let odd = |kind: u8, corners: &str| {
+        let count = corners.split(' ').count();
+        let text = format!(
+            "# vtk DataFile Version 3.0\n\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\n\
+             CELLS 1 {}\n{count} {corners}\nCELL_TYPES 1\n{kind}\nCELL_DATA 1\nODDITIES 1\n",
+            count + 1
+        );
+        read_bytes(Path::new("a.vtk"), text.as_bytes(), LengthUnit::Metre)
+    };
+    assert!(matches!(odd(5, "0 1 2"), Ok(Imported::Surface(_))));
+    let message = odd(10, "0 1 2 3").unwrap_err().to_string();
+    assert!(message.contains("`ODDITIES` is no data that is read; save the mesh without it"), "{message}");
 }
 
 #[test]

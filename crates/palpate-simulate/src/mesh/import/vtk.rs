@@ -27,8 +27,13 @@ const REGIONS: &[&str] = &[
 
 /// None if there is no solid cell.
 pub(super) fn parse(name: &Path, bytes: &[u8]) -> Result<Option<Content>> {
-    let grid = Grid::read(name, bytes, REGIONS)?;
-    if grid.kinds.iter().all(|&k| dimension(k).is_none_or(|d| d < 3)) {
+    let hollow = |grid: &Grid| grid.kinds.iter().all(|&k| dimension(k).is_none_or(|d| d < 3));
+    let grid = match Grid::read(name, bytes, REGIONS) {
+        // A surface may have whatever data on it: nobody asks.
+        Err(_) if Grid::read(name, bytes, &[]).is_ok_and(|grid| hollow(&grid)) => return Ok(None),
+        grid => grid?,
+    };
+    if hollow(&grid) {
         return Ok(None);
     }
     let mut content = Content { positions: grid.points, ..Content::default() };
