@@ -18,7 +18,7 @@ mod vtk_xml;
 use crate::error::{BodyError, Result};
 use crate::repair::check_positions;
 use crate::surface::{MAX_ELEMENTS, TriangleMesh};
-use cursor::{Cursor, number, quote, truncated};
+use cursor::{Cursor, number, quote, short, truncated};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::io::Read;
@@ -233,6 +233,6 @@ fn index(value: f64, count: usize, place: impl Fn() -> String) -> Result<u32> {
     if value >= 0.0 && value < count as f64 && value == value.trunc() {
         return Ok(value as u32);
     }
-    let problem = format!("it names vertex {value}, but there are {count} (counted from 0)");
+    let problem = format!("it names vertex {}, but there are {count} (counted from 0)", short(value));
     Err(BodyError::invalid(place(), problem, "mend the index, or export the mesh again"))
 }

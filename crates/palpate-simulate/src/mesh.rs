@@ -1,5 +1,6 @@
 //! Tetrahedra with ten nodes, in which all is computed.
 
+pub mod check;
 pub mod import;
 pub mod distance;
 mod octree;

@@ -8,6 +8,15 @@ pub fn quote(bytes: &[u8]) -> String {
     if bytes.len() > 40 { format!("`{text}...`") } else { format!("`{text}`") }
 }
 
+/// A number from a file for a message: whatever it is, it won't fill the screen.
+pub fn short(value: f64) -> String {
+    if value == 0.0 || (1e-3..1e15).contains(&value.abs()) {
+        format!("{value}")
+    } else {
+        format!("{value:e}")
+    }
+}
+
 /// A word as a number; `place` says where it was read.
 ///
 /// # Errors

@@ -1,5 +1,6 @@
 //! What a VTK file holds, whatever the dimension of its cells.
 
+use super::cursor::short;
 use super::{BodyError, Result, add_vertex, index, vtk, vtk_xml};
 use glam::DVec3;
 use std::path::Path;
@@ -80,7 +81,7 @@ impl Cells {
         for &end in ends {
             let place = || format!("{what} {}", self.ends.len());
             if !(end >= start as f64 && end <= vertices.len() as f64) {
-                let problem = format!("it ends at {end} of {} vertex numbers", vertices.len());
+                let problem = format!("it ends at {} of {} vertex numbers", short(end), vertices.len());
                 return Err(BodyError::invalid(place(), problem, "export the mesh again"));
             }
             for &v in &vertices[start..end as usize] {

@@ -1,6 +1,6 @@
 //! Legacy VTK, text and binary (big-endian): polygonal data and unstructured grids; what of a grid is a surface.
 
-use super::cursor::Scalar;
+use super::cursor::{Scalar, short};
 use super::{BodyError, Cursor, Grid, Result, Soup, quote, truncated};
 
 fn add_polygon(soup: &mut Soup, cell: usize, corners: &[u32]) -> Result<()> {
@@ -175,7 +175,7 @@ impl File<'_> {
         if value >= 0.0 && value == value.trunc() && value <= self.cursor.rest().len() as f64 {
             return Ok(value as usize);
         }
-        Err(truncated(self.cursor.place(), &format!("the last of {value} entries")))
+        Err(truncated(self.cursor.place(), &format!("the last of {} entries", short(value))))
     }
 
     fn scalar(&mut self) -> Result<Scalar> {
@@ -235,7 +235,7 @@ impl File<'_> {
             if !(*length >= 0.0 && *length <= after.len() as f64) {
                 return Err(truncated(
                     place,
-                    &format!("cell {} has its {length} vertices", cells.ends.len()),
+                    &format!("cell {} has its {} vertices", cells.ends.len(), short(*length)),
                 ));
             }
             let (corners, next) = after.split_at(*length as usize);

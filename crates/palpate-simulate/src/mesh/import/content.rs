@@ -6,6 +6,7 @@ use crate::mesh::{EDGES, TetMesh};
 use glam::DVec3;
 use palpate_body::TriangleMesh;
 use palpate_body::import::LengthUnit;
+use palpate_body::import::cursor::short;
 use std::collections::{BTreeMap, HashMap};
 
 /// Coordinates beyond this are a wrong unit, m.
@@ -58,10 +59,7 @@ impl Content {
     pub fn tetrahedron(&mut self, nodes: &[u32], region: f64, place: impl Fn() -> String) -> Result<()> {
         for (i, node) in nodes.iter().enumerate() {
             if nodes[..i].contains(node) {
-                let problem = format!(
-                    "a tetrahedron has one node twice, at {} of the file's units",
-                    self.positions[*node as usize]
-                );
+                let problem = "a tetrahedron has one node twice";
                 return Err(SimulateError::invalid(
                     place(),
                     problem,
@@ -78,7 +76,7 @@ impl Content {
             return Err(SimulateError::invalid(
                 place(),
                 problem,
-                "mesh all of it with one order (gmsh -order 2)",
+                "mesh all of it with one order (Gmsh: SetOrder 2)",
             ));
         }
         self.regions.push(region);
@@ -106,7 +104,7 @@ impl Content {
     /// The name of a physical group: its own or its number.
     pub fn name(&self, dimension: u8, number: f64) -> String {
         let named = self.names.get(&(dimension, number as u64)).filter(|n| !n.is_empty());
-        named.cloned().unwrap_or_else(|| format!("{number}"))
+        named.cloned().unwrap_or_else(|| short(number))
     }
 
     /// A volume if there is any tetrahedron, else a surface.
@@ -134,7 +132,8 @@ impl Content {
         for (node, p) in self.positions.iter_mut().enumerate() {
             *p /= unit.per_metre();
             if p.abs().max_element() > MAX_COORDINATE_M {
-                let problem = format!("it lies at {p} m, more than {MAX_COORDINATE_M} m away");
+                let far = short(p.abs().max_element());
+                let problem = format!("a coordinate is {far} m, beyond {MAX_COORDINATE_M} m");
                 return Err(SimulateError::invalid(
                     format!("node {node} (from 0)"),
                     problem,
@@ -286,7 +285,7 @@ fn turn_back(positions: &[DVec3], elements: &mut [[u32; 10]]) -> Result<()> {
         return Err(SimulateError::invalid(
             format!("element {e} (from 0) at ({:.3}, {:.3}, {:.3}) mm", p.x, p.y, p.z),
             format!("it is turned inside out, as are {inside_out} of {}", elements.len()),
-            "mesh it again, or make it linear (gmsh -order 1)",
+            "mesh it again, or make it linear (Gmsh: SetOrder 1)",
         ));
     }
     Ok(())

@@ -4,7 +4,7 @@
 
 use super::content::{Content, NO_REGION};
 use crate::error::{Result, SimulateError};
-use palpate_body::import::cursor::{Cursor, Scalar, number, quote, truncated};
+use palpate_body::import::cursor::{Cursor, Scalar, number, quote, short, truncated};
 use std::collections::HashMap;
 
 const AGAIN: &str = "export the mesh again";
@@ -206,13 +206,17 @@ impl File<'_> {
             2.0..=2.2 => Version::Two,
             4.1 => Version::Four,
             _ => {
-                let problem = format!("MSH version {version} is not read");
+                let problem = format!("MSH version {} is not read", short(version));
                 let mend = "convert it: gmsh OLD.msh -save -format msh41 -o NEW.msh";
                 return Err(SimulateError::invalid(place, problem, mend));
             }
         });
         if kind != 0.0 && kind != 1.0 || size != 4.0 && size != 8.0 {
-            let problem = format!("kind {kind} and size {size}, but kind 0 or 1 and size 8 are expected");
+            let problem = format!(
+                "kind {} and size {}, but kind 0 or 1 and size 8 are expected",
+                short(kind),
+                short(size)
+            );
             return Err(SimulateError::invalid(place, problem, AGAIN));
         }
         if kind == 1.0 {
@@ -252,13 +256,11 @@ impl File<'_> {
                 return Err(SimulateError::invalid(place(), problem, "mend the line"));
             };
             let (dimension, tag) = (number(dimension, place)?, number(tag, place)?);
-            let name = std::str::from_utf8(name).map_err(|_| {
-                SimulateError::invalid(
-                    place(),
-                    format!("the name {} is not UTF-8", quote(name)),
-                    "rename the group",
-                )
-            })?;
+            let text = std::str::from_utf8(name).ok().filter(|n| !n.contains(char::is_control));
+            let Some(name) = text else {
+                let problem = format!("the name {} is no plain text in UTF-8", quote(name));
+                return Err(SimulateError::invalid(place(), problem, "rename the group"));
+            };
             // A name of another dimension is never asked for.
             self.content.names.insert((dimension as u8, tag.abs() as u64), name.to_string());
         }
@@ -287,10 +289,12 @@ impl File<'_> {
                     }
                 }
                 if dimension == 3 && physical.len() > 1 {
-                    return Err(several_regions(
-                        self.place(),
-                        &physical.iter().map(|&p| self.content.name(3, p)).collect::<Vec<_>>(),
-                    ));
+                    let names = physical.iter().take(3).map(|&p| self.content.name(3, p));
+                    let names: Vec<String> = names.map(|n| quote(n.as_bytes())).collect();
+                    let (count, names) = (physical.len(), names.join(", "));
+                    let problem = format!("a volume belongs to {count} physical groups: {names}");
+                    let mend = "leave it in one: each element has one material";
+                    return Err(SimulateError::invalid(self.place(), problem, mend));
                 }
                 self.entities.insert((dimension, tag), physical);
             }
@@ -340,7 +344,11 @@ impl File<'_> {
         let place = self.row_at();
         let number = self.content.positions.len() as u32;
         if !(tag >= 0.0 && tag < 2f64.powi(53) && tag == tag.trunc()) {
-            return Err(SimulateError::invalid(place.to_string(), format!("{tag} is no node number"), AGAIN));
+            return Err(SimulateError::invalid(
+                place.to_string(),
+                format!("{} is no node number", short(tag)),
+                AGAIN,
+            ));
         }
         if !self.tags.insert(tag as u64, number) {
             return Err(SimulateError::invalid(
@@ -362,13 +370,12 @@ impl File<'_> {
                     return Err(self.bad_row("an element", 3));
                 };
                 let kind = self.kind(kind)?;
-                if !(tags >= 0.0 && tags <= rest.len() as f64) || rest.len() != tags as usize + kind.nodes {
-                    return Err(self.bad_row(
-                        "an element with its tags and nodes",
-                        3 + tags.max(0.0) as usize + kind.nodes,
-                    ));
+                // Anything that is no count becomes one that doesn't fit.
+                let tags = if tags >= 0.0 && tags == tags.trunc() { tags.min(1e6) as usize } else { 0 };
+                if rest.len() != tags + kind.nodes {
+                    return Err(self.bad_row("an element with its tags and nodes", 3 + tags + kind.nodes));
                 }
-                self.element_2(kind, 3, tags as usize)?;
+                self.element_2(kind, 3, tags)?;
             }
             return Ok(());
         }
@@ -433,7 +440,7 @@ impl File<'_> {
             *node = self.tags.find(tag).ok_or_else(|| {
                 SimulateError::invalid(
                     place.to_string(),
-                    format!("there is no node {tag}"),
+                    format!("there is no node {}", short(tag)),
                     "mend the node, or export the mesh again",
                 )
             })?;
@@ -471,7 +478,7 @@ impl File<'_> {
                 Err(SimulateError::invalid(
                     place.to_string(),
                     problem,
-                    "mesh it with order 1 or 2 (gmsh -order 2)",
+                    "mesh it with order 1 or 2 (Gmsh: SetOrder 2)",
                 ))
             }
         }
@@ -479,13 +486,13 @@ impl File<'_> {
 
     fn kind(&self, number: f64) -> Result<Kind> {
         kind(number).ok_or_else(|| {
-            let problem = format!("element type {number} is not read");
+            let problem = format!("element type {} is not read", short(number));
             SimulateError::invalid(self.row_place(), problem, "mesh it with tetrahedra of order 1 or 2")
         })
     }
 
     fn bad_dimension(&self, dimension: f64) -> SimulateError {
-        let problem = format!("dimension {dimension} doesn't go with what the block holds");
+        let problem = format!("dimension {} doesn't go with what the block holds", short(dimension));
         SimulateError::invalid(self.row_place(), problem, AGAIN)
     }
 
@@ -505,11 +512,11 @@ impl File<'_> {
     /// A count, each of which takes a byte at least.
     fn bounded(&self, value: f64, what: &str) -> Result<usize> {
         if !(value >= 0.0 && value == value.trunc()) {
-            let problem = format!("{value} is no number of {what}");
+            let problem = format!("{} is no number of {what}", short(value));
             return Err(SimulateError::invalid(self.row_place(), problem, AGAIN));
         }
         if value > self.cursor.rest().len() as f64 {
-            return Err(truncated(self.row_place(), &format!("the last of {value} {what}")).into());
+            return Err(truncated(self.row_place(), &format!("the last of {} {what}", short(value))).into());
         }
         Ok(value as usize)
     }
@@ -548,7 +555,7 @@ impl File<'_> {
         if value == value.trunc() && value.abs() < 2f64.powi(31) {
             return Ok(value as i64);
         }
-        Err(SimulateError::invalid(self.row_place(), format!("{value} is not {what}"), AGAIN))
+        Err(SimulateError::invalid(self.row_place(), format!("{} is not {what}", short(value)), AGAIN))
     }
 
     /// So many numbers: of a text file's next line, which must hold no more nor less.
@@ -590,11 +597,6 @@ impl File<'_> {
         }
         Ok(())
     }
-}
-
-fn several_regions(place: String, names: &[String]) -> SimulateError {
-    let problem = format!("a volume belongs to {} physical groups: {}", names.len(), names.join(", "));
-    SimulateError::invalid(place, problem, "leave it in one: each element has one material")
 }
 
 /// Most words of a mesh are whole numbers.

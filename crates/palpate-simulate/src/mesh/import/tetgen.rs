@@ -5,7 +5,7 @@
 
 use super::content::{Content, NO_REGION};
 use crate::error::{Result, SimulateError};
-use palpate_body::import::cursor::{Cursor, number, truncated};
+use palpate_body::import::cursor::{Cursor, number, short, truncated};
 
 /// The edges of TetGen's nodes 4 to 9 are 23, 03, 01, 12, 13, 02, which its manual only shows as a figure: this is what
 /// versions 1.5.0 and 1.6 write. Where each of ours is among its ten.
@@ -55,7 +55,7 @@ impl<'a> Lines<'a> {
         if value >= 0.0 && value == value.trunc() && value <= self.cursor.rest().len() as f64 {
             return Ok(value as usize);
         }
-        let problem = format!("{value} {what} are announced, which the file can't hold");
+        let problem = format!("{} {what} are announced, which the file can't hold", short(value));
         Err(SimulateError::invalid(self.place(), problem, "mend the heading, or run TetGen again"))
     }
 }
@@ -68,7 +68,7 @@ pub(super) fn nodes(bytes: &[u8]) -> Result<(Content, usize)> {
     if let Some(&dimension) = lines.row.get(1)
         && dimension != 3.0
     {
-        let problem = format!("nodes of dimension {dimension}, but 3 are needed");
+        let problem = format!("nodes of dimension {}, but 3 are needed", short(dimension));
         return Err(SimulateError::invalid(
             lines.place(),
             problem,
@@ -87,7 +87,7 @@ pub(super) fn nodes(bytes: &[u8]) -> Result<(Content, usize)> {
         content.node([lines.row[1], lines.row[2], lines.row[3]], place)?;
         let mark = if marks > 0 { lines.row[4 + attributes] } else { 0.0 };
         if mark != 0.0 {
-            content.marks.entry(format!("{mark}")).or_default().push(n as u32);
+            content.marks.entry(short(mark)).or_default().push(n as u32);
         }
     }
     Ok((content, first))
@@ -100,7 +100,7 @@ pub(super) fn elements(bytes: &[u8], (mut content, first_node): (Content, usize)
     let count = lines.heading(0, "elements")?;
     let size = lines.row.get(1).copied().unwrap_or(4.0);
     if size != 4.0 && size != 10.0 {
-        let problem = format!("elements of {size} nodes, but 4 or 10 are read");
+        let problem = format!("elements of {} nodes, but 4 or 10 are read", short(size));
         return Err(SimulateError::invalid(
             lines.place(),
             problem,
@@ -120,8 +120,11 @@ pub(super) fn elements(bytes: &[u8], (mut content, first_node): (Content, usize)
         for (node, &value) in nodes.iter_mut().zip(&lines.row[1..=size]) {
             let last = first_node + content.positions.len();
             if !(value >= first_node as f64 && value < last as f64 && value == value.trunc()) {
-                let problem =
-                    format!("there is no node {value}; they run from {first_node} to {}", last.max(1) - 1);
+                let problem = format!(
+                    "there is no node {}; they run from {first_node} to {}",
+                    short(value),
+                    last.max(1) - 1
+                );
                 return Err(SimulateError::invalid(place(), problem, "give the .node file of the same run"));
             }
             *node = (value as usize - first_node) as u32;
@@ -141,7 +144,7 @@ fn first_number(value: f64, what: &str, place: impl Fn() -> String) -> Result<us
     if value == 0.0 || value == 1.0 {
         return Ok(value as usize);
     }
-    let problem = format!("the first {what} has the number {value}, but 0 or 1 is expected");
+    let problem = format!("the first {what} has the number {}, but 0 or 1 is expected", short(value));
     Err(SimulateError::invalid(place(), problem, "run TetGen again"))
 }
 
@@ -149,6 +152,6 @@ fn in_turn(value: f64, expected: usize, what: &str, place: impl Fn() -> String) 
     if value == expected as f64 {
         return Ok(());
     }
-    let problem = format!("{what} {value} stands where {what} {expected} is expected");
+    let problem = format!("{what} {} stands where {what} {expected} is expected", short(value));
     Err(SimulateError::invalid(place(), problem, "put them in order, or run TetGen again"))
 }

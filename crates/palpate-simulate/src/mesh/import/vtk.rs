@@ -27,8 +27,13 @@ const REGIONS: &[&str] = &[
 
 /// None if there is no solid cell.
 pub(super) fn parse(name: &Path, bytes: &[u8]) -> Result<Option<Content>> {
-    let grid = Grid::read(name, bytes, REGIONS)?;
-    if grid.kinds.iter().all(|&k| dimension(k).is_none_or(|d| d < 3)) {
+    let hollow = |grid: &Grid| grid.kinds.iter().all(|&k| dimension(k).is_none_or(|d| d < 3));
+    let grid = match Grid::read(name, bytes, REGIONS) {
+        // A surface may have whatever data on it: nobody asks.
+        Err(_) if Grid::read(name, bytes, &[]).is_ok_and(|grid| hollow(&grid)) => return Ok(None),
+        grid => grid?,
+    };
+    if hollow(&grid) {
         return Ok(None);
     }
     let mut content = Content { positions: grid.points, ..Content::default() };
@@ -73,14 +78,10 @@ pub(super) fn parse(name: &Path, bytes: &[u8]) -> Result<Option<Content>> {
                 let problem = format!("a cell of VTK type {kind} is not read");
                 return Err(SimulateError::invalid(place(), problem, "save the tetrahedra alone"));
             }
-            (.., Some(0)) if number != NO_REGION => {
-                nodes.iter().for_each(|n| content.cell(&number.to_string(), std::slice::from_ref(n)));
-            }
-            (4, ..) if number != NO_REGION => {
-                nodes.windows(2).for_each(|line| content.cell(&number.to_string(), line));
-            }
-            _ if number != NO_REGION => content.cell(&number.to_string(), corners(kind, nodes)),
-            _ => {}
+            _ if number == NO_REGION => {}
+            (4, ..) => nodes.windows(2).for_each(|line| content.cell(&content.name(3, number), line)),
+            (.., Some(0)) => nodes.iter().for_each(|n| content.cell(&content.name(3, number), &[*n])),
+            _ => content.cell(&content.name(3, number), corners(kind, nodes)),
         }
     }
     Ok(Some(content))
