@@ -93,7 +93,7 @@ struct Touch<'a> {
     shape: &'a [f64; 6],
     weight: f64,
     at: DVec3,
-    /// Signed distance with gradient and Hessian, body's axes.
+    /// Signed distance with gradient and Hessian, body's axes; a point outside counts as on the tool's surface.
     distance: f64,
     normal: DVec3,
     curvature: DMat3,
@@ -106,7 +106,7 @@ impl<'t> ToolContact<'t> {
         let faces = boundary.faces.iter().zip(&boundary.elements).map(|(face, &element)| {
             let p = face.map(|n| model.mesh().positions[n as usize]);
             let area = 0.5 * (p[1] - p[0]).cross(p[2] - p[0]).length();
-            let tissue = &model.tissues[model.regions[element as usize] as usize];
+            let tissue = &model.tissues[model.mesh().regions[element as usize] as usize];
             let Moduli { shear_pa: mu, bulk_pa: bulk } = tissue.material.small_strain();
             // E/(1 − ν²)
             let modulus = 4.0 * mu * (3.0 * bulk + mu) / (3.0 * bulk + 4.0 * mu);
@@ -125,7 +125,7 @@ impl<'t> ToolContact<'t> {
         self.tool.distance(self.pose.rotation.transpose() * (at - self.pose.tip)).value
     }
 
-    /// Calls `visit` for every point of the surface that is in the tool.
+    /// Calls `visit` for every point of the surface that is in the tool, or sticks to it.
     fn each_touch(&self, model: &Model, u: &[f64], mut visit: impl FnMut(usize, usize, Touch)) {
         let back = self.pose.rotation.transpose();
         for (f, face) in self.faces.iter().enumerate() {
@@ -136,13 +136,16 @@ impl<'t> ToolContact<'t> {
             let p = face.nodes.map(place);
             let middle = (p[0] + p[1] + p[2]) / 3.0;
             let radius = p.iter().map(|p| p.distance(middle)).fold(face.radius, f64::max);
-            if self.distance(middle) > 1.5 * radius {
+            let anchors = self.anchors.get(f).unwrap_or(&[None; POINTS]);
+            if self.distance(middle) > 1.5 * radius && anchors.iter().all(Option::is_none) {
                 continue;
             }
             for (q, (weight, shape)) in self.rule.iter().enumerate() {
                 let at: DVec3 = shape.iter().zip(&p).map(|(n, p)| *p * *n).sum();
                 let distance = self.tool.distance(back * (at - self.pose.tip));
-                if distance.value >= 0.0 {
+                // A point that sticks is held along the tool even where it lifts off: letting go in the midst of a
+                // solve would make the energy jump.
+                if distance.value >= 0.0 && anchors[q].is_none() {
                     continue;
                 }
                 let touch = Touch {
@@ -150,10 +153,10 @@ impl<'t> ToolContact<'t> {
                     shape,
                     weight: weight * face.area,
                     at,
-                    distance: distance.value,
+                    distance: distance.value.min(0.0),
                     normal: self.pose.rotation * distance.gradient,
                     curvature: self.pose.rotation * distance.hessian * back,
-                    anchor: self.anchors.get(f).and_then(|a| a[q]),
+                    anchor: anchors[q],
                 };
                 visit(f, q, touch);
             }
@@ -187,13 +190,25 @@ impl<'t> ToolContact<'t> {
         energy
     }
 
+    /// Adds the change of ∂energy/∂u for a small move of the tool.
+    pub fn pull(&self, model: &Model, u: &[f64], move_by: DVec3, forces: &mut [f64]) {
+        self.each_touch(model, u, |_, _, touch| {
+            let force = touch.tangent() * move_by;
+            for (&i, n) in touch.face.nodes.iter().zip(touch.shape) {
+                for (sum, f) in forces[3 * i as usize..].iter_mut().zip(force.to_array()) {
+                    *sum -= n * f;
+                }
+            }
+        });
+    }
+
     pub fn resultant(&self, model: &Model, u: &[f64]) -> Resultant {
         let mut sum = Resultant::default();
         self.each_touch(model, u, |_, _, touch| {
             let force = touch.force(self.pose.tip);
             sum.force_n += force;
             sum.torque_n_m += (touch.at - self.pose.tip).cross(force);
-            sum.patch_m2 += touch.weight;
+            sum.patch_m2 += if touch.distance < 0.0 { touch.weight } else { 0.0 };
         });
         sum
     }
@@ -203,19 +218,19 @@ impl<'t> ToolContact<'t> {
         self.anchors.clear();
     }
 
-    /// What touches now sticks where it touches; what sticks already stays; what has left is free again. Returns
-    /// whether a point that had been stretched along the tool was let go: the equilibrium is then another.
-    pub fn catch(&mut self, model: &Model, u: &[f64]) -> bool {
+    /// What touches now sticks where it touches; what sticks already stays; what has left is free again. Returns the
+    /// force along the tool that was let go, N: if it is not small, the equilibrium is another.
+    pub fn catch(&mut self, model: &Model, u: &[f64]) -> f64 {
         let mut anchors = vec![[None; POINTS]; self.faces.len()];
+        let mut let_go = 0.0;
         self.each_touch(model, u, |f, q, touch| {
-            let fresh = Anchor { place: touch.at - self.pose.tip, normal: touch.normal };
-            anchors[f][q] = Some(touch.anchor.unwrap_or(fresh));
+            if touch.distance < 0.0 {
+                let fresh = Anchor { place: touch.at - self.pose.tip, normal: touch.normal };
+                anchors[f][q] = Some(touch.anchor.unwrap_or(fresh));
+            } else {
+                let_go += touch.force(self.pose.tip).length();
+            }
         });
-        let let_go = self
-            .anchors
-            .iter()
-            .zip(&anchors)
-            .any(|(old, new)| old.iter().zip(new).any(|(old, new)| old.is_some() && new.is_none()));
         self.anchors = anchors;
         let_go
     }
@@ -242,7 +257,10 @@ impl Touch<'_> {
 
     fn tangent(&self) -> DMat3 {
         let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
-        let mut tangent = outer(self.normal) + self.curvature * self.distance;
+        let mut tangent = DMat3::ZERO;
+        if self.distance < 0.0 {
+            tangent += outer(self.normal) + self.curvature * self.distance;
+        }
         if let Some(anchor) = self.anchor {
             tangent += DMat3::IDENTITY - outer(anchor.normal);
         }

@@ -10,10 +10,14 @@ use crate::factor::Factor;
 use crate::load::Load;
 use crate::model::Model;
 use crate::stiffness::Stiffness;
+use glam::DVec3;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Residual forces (their 2-norm over all free unknowns) are below this share of the reaction.
 const TOLERANCE: f64 = 1e-6;
+
+/// The same where a tool pushes: the penalty's own error is a thousand times as large.
+const TOOL_TOLERANCE: f64 = 1e-5;
 
 /// Newton steps for one equilibrium; beyond, the load step is cut.
 const MAX_NEWTON: u32 = 60;
@@ -29,6 +33,9 @@ const FIRST_FORCING: f64 = 1e-2;
 
 /// Iterations of one solve, whatever the factor.
 const MAX_CONJUGATE: u32 = 200;
+
+/// Full steps in a row that need not lower the energy.
+const MAX_TRUSTED: u32 = 3;
 
 /// Sufficient decrease (Armijo).
 const DECREASE: f64 = 1e-4;
@@ -73,7 +80,6 @@ pub(crate) struct Solver<'m> {
     /// Iterations spent beyond what a fresh factor would have taken, since the last factorisation.
     wasted: f64,
     pub counts: Counts,
-    trial: Vec<f64>,
     single: Vec<f32>,
     scratch: Vec<f32>,
 }
@@ -107,8 +113,7 @@ impl<'m> Solver<'m> {
             own: None,
             wasted: 0.0,
             counts: Counts::default(),
-            trial: vec![0.0; n],
-            single: vec![0.0; n],
+            single: vec![0.0; 3 * model.pattern.nodes()],
             scratch: Vec::new(),
         }
     }
@@ -152,6 +157,7 @@ impl<'m> Solver<'m> {
         }
         let factor = self.own.as_ref().unwrap_or(&self.model.rest_factor);
         self.model.symbolic.solve(factor, &mut self.single, &mut self.scratch);
+        z[self.single.len()..].fill(0.0);
         for ((z, single), held) in z.iter_mut().zip(&self.single).zip(&self.held) {
             *z = if *held { 0.0 } else { f64::from(*single) * scale };
         }
@@ -212,19 +218,26 @@ impl<'m> Solver<'m> {
         d
     }
 
-    /// Moves held unknowns by `increments` (unknown, m) and the free ones along, to first order.
-    pub fn follow(&mut self, load: &Load, increments: &[(usize, f64)]) {
-        let mut moved = vec![0.0; self.u.len()];
-        for &(unknown, increment) in increments {
-            moved[unknown] = increment;
-        }
+    /// Moves the body along with a small move of its load, to first order.
+    pub fn follow(&mut self, load: &Load, move_by: DVec3) {
+        let n = self.u.len();
+        let (mut moved, mut forces) = (vec![0.0; n], vec![0.0; n]);
         self.assemble(load);
-        let mut forces = vec![0.0; moved.len()];
-        self.stiffness.multiply(&self.model.pattern, &moved, &mut forces);
-        let tolerance = 1e-2 * self.free_norm(&forces);
-        let d = self.direction(&forces, tolerance);
-        for ((u, moved), d) in self.u.iter_mut().zip(&moved).zip(&d) {
-            *u += moved + d;
+        match load {
+            Load::Held(unknowns) => {
+                for &unknown in unknowns {
+                    moved[unknown] = move_by[unknown % 3];
+                }
+                self.stiffness.multiply(&self.model.pattern, &moved, &mut forces);
+            }
+            Load::Tool(contact) => contact.pull(self.model, &self.u, move_by, &mut forces),
+        }
+        let tolerance = FIRST_FORCING * self.free_norm(&forces);
+        if tolerance > 0.0 {
+            let d = self.direction(&forces, tolerance);
+            for ((u, moved), d) in self.u.iter_mut().zip(&moved).zip(&d) {
+                *u += moved + d;
+            }
         }
     }
 
@@ -235,6 +248,8 @@ impl<'m> Solver<'m> {
             return Err(Failure::Inverted);
         }
         let mut last_norm = None;
+        let mut watch = None;
+        let tolerance = if matches!(load, Load::Tool(_)) { TOOL_TOLERANCE } else { TOLERANCE };
         for iteration in 0..MAX_NEWTON {
             if cancelled.load(Ordering::Relaxed) {
                 return Err(Failure::Cancelled);
@@ -261,32 +276,44 @@ impl<'m> Solver<'m> {
             if !(slope < 0.0) {
                 return Err(Failure::Stuck);
             }
-            energy = self.search(load, energy, slope, &d)?;
+            energy = self.search(load, energy, slope, d, &mut watch)?;
         }
         Err(Failure::Slow)
     }
 
-    /// Goes along `d` as far as the energy falls; returns the new energy, with all assembled there.
-    fn search(&mut self, load: &Load, energy: f64, slope: f64, d: &[f64]) -> Result<f64, Failure> {
-        let start = std::mem::take(&mut self.trial);
-        let mut start = start;
-        start.copy_from_slice(&self.u);
-        let set = |u: &mut [f64], scale: f64| {
-            for ((u, s), d) in u.iter_mut().zip(&start).zip(d) {
-                *u = s + scale * d;
-            }
-        };
-        // The full step is nearly always right: assembled at once.
-        set(&mut self.u, 1.0);
+    /// Takes a step along `d`; returns the new energy, with all assembled there.
+    ///
+    /// The full step is nearly always right, though points that it brings into contact may raise the energy for a
+    /// moment: it is taken on trust a few times (the watchdog of Chamberlain et al. 1982) before one goes back.
+    fn search(
+        &mut self,
+        load: &Load,
+        energy: f64,
+        slope: f64,
+        d: Vec<f64>,
+        watch: &mut Option<Watch>,
+    ) -> Result<f64, Failure> {
+        let here = Watch { u: self.u.clone(), energy, slope, d, trusted: 0 };
+        here.step(1.0, &mut self.u);
         let full = self.assemble(load);
-        let noise = ROUNDING * energy.abs();
-        let end_slope = dot(&self.gradient, d);
-        let settled = full <= energy + noise && end_slope.abs() <= (1.0 - 2.0 * DECREASE) * slope.abs();
-        if full.is_finite() && (full <= energy + DECREASE * slope || settled) {
-            self.trial = start;
+        let end_slope = dot(&self.gradient, &here.d);
+        let reference = watch.as_ref().unwrap_or(&here);
+        let noise = ROUNDING * reference.energy.abs();
+        let settled =
+            full <= reference.energy + noise && end_slope.abs() <= (1.0 - 2.0 * DECREASE) * slope.abs();
+        if full.is_finite() && (full <= reference.energy + DECREASE * reference.slope || settled) {
+            *watch = None;
             return Ok(full);
         }
-        let (mut scale, mut last) = (1.0, full);
+        let mut origin = watch.take().unwrap_or(here);
+        if full.is_finite() && origin.trusted < MAX_TRUSTED {
+            origin.trusted += 1;
+            *watch = Some(origin);
+            return Ok(full);
+        }
+        // Back to where the trust began, and only as far as the energy falls.
+        let (energy, slope) = (origin.energy, origin.slope);
+        let (mut scale, mut last) = (1.0, if origin.trusted == 0 { full } else { f64::INFINITY });
         for _ in 0..MAX_HALVINGS {
             // The parabola's least point, kept between a tenth and a half.
             let shrink = if last.is_finite() {
@@ -295,7 +322,7 @@ impl<'m> Solver<'m> {
                 0.5
             };
             scale *= shrink;
-            set(&mut self.u, scale);
+            origin.step(scale, &mut self.u);
             last = self.model.energy(&self.u);
             if last.is_finite() {
                 last += load.energy(self.model, &self.u);
@@ -303,12 +330,28 @@ impl<'m> Solver<'m> {
             if last <= energy + DECREASE * scale * slope
                 || (scale * -slope <= noise && last <= energy + noise)
             {
-                self.trial = start;
                 return Ok(self.assemble(load));
             }
         }
-        self.u.copy_from_slice(&start);
-        self.trial = start;
+        self.u = origin.u;
         Err(Failure::Stuck)
+    }
+}
+
+/// A point that one may have to go back to, and the step from it.
+struct Watch {
+    u: Vec<f64>,
+    energy: f64,
+    slope: f64,
+    d: Vec<f64>,
+    /// Steps since then that have not lowered the energy yet.
+    trusted: u32,
+}
+
+impl Watch {
+    fn step(&self, scale: f64, u: &mut [f64]) {
+        for ((u, start), d) in u.iter_mut().zip(&self.u).zip(&self.d) {
+            *u = start + scale * d;
+        }
     }
 }

@@ -13,12 +13,13 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use feral_metis::CscPattern;
 
-/// An order of the nodes in which elimination fills in little: nested dissection. `order[new] = old`.
-pub(crate) fn dissect(nodes: usize, elements: &[[u32; 10]]) -> Vec<u32> {
+/// An order of the nodes in which elimination fills in little: nested dissection. `order[new] = old`. Nodes of one
+/// clique are all coupled.
+pub(crate) fn dissect(nodes: usize, cliques: &[Vec<u32>]) -> Vec<u32> {
     let mut neighbours: Vec<Vec<i32>> = vec![Vec::new(); nodes];
-    for element in elements {
-        for &i in element {
-            neighbours[i as usize].extend(element.iter().filter(|&&j| j != i).map(|&j| j as i32));
+    for clique in cliques {
+        for &i in clique {
+            neighbours[i as usize].extend(clique.iter().filter(|&&j| j != i).map(|&j| j as i32));
         }
     }
     let (mut starts, mut rows) = (vec![0i32], Vec::new());

@@ -19,14 +19,14 @@ pub struct Fixed {
 
 /// A body to be simulated. One model serves any number of threads.
 ///
-/// Inside, nodes are numbered in the order in which the factorisation eliminates them.
+/// Inside, free nodes come first, in the order in which the factorisation eliminates them.
 #[derive(Debug)]
 pub struct Model {
     mesh: TetMesh,
     boundary: Boundary,
     /// Inner number of each of the mesh's nodes.
     pub(crate) rank: Vec<u32>,
-    /// Inner numbers.
+    /// Elements that have a free node, in inner numbers.
     pub(crate) elements: Vec<[u32; 10]>,
     pub(crate) points: Vec<[GaussPoint; POINTS]>,
     pub(crate) tissues: Vec<Tissue>,
@@ -42,6 +42,22 @@ pub struct Model {
     /// A force below which nothing is worth a step, N: a ten-millionth of the softest shear modulus times the size
     /// of the smallest element squared.
     pub(crate) least_force_n: f64,
+}
+
+/// `order[new] = old`: free nodes by nested dissection, then the others.
+fn numbering(elements: &[[u32; 10]], free: &[bool]) -> Vec<u32> {
+    let mut dense = vec![u32::MAX; free.len()];
+    let mut order: Vec<u32> = (0..free.len() as u32).filter(|&n| free[n as usize]).collect();
+    for (new, &old) in order.iter().enumerate() {
+        dense[old as usize] = new as u32;
+    }
+    let cliques: Vec<Vec<u32>> = elements
+        .iter()
+        .map(|e| e.iter().map(|&n| dense[n as usize]).filter(|&n| n != u32::MAX).collect())
+        .collect();
+    order = dissect(order.len(), &cliques).into_iter().map(|n| order[n as usize]).collect();
+    order.extend((0..free.len() as u32).filter(|&n| !free[n as usize]));
+    order
 }
 
 impl Model {
@@ -62,13 +78,29 @@ impl Model {
                 return invalid(format!("element {e}"), problem, "give each region a material");
             }
         }
-        let order = dissect(mesh.positions.len(), &mesh.elements);
+        let mut held_axes = vec![[false; 3]; mesh.positions.len()];
+        for fixed in fixed {
+            let Some(axes) = held_axes.get_mut(fixed.node as usize) else {
+                let problem = format!("the mesh has {} nodes", mesh.positions.len());
+                return invalid(format!("fixed node {}", fixed.node), problem, "number nodes from 0");
+            };
+            for (held, fixed) in axes.iter_mut().zip(fixed.axes) {
+                *held |= fixed;
+            }
+        }
+        // Free nodes first, in the order of elimination; what is held on all sides has no part in it.
+        let free: Vec<bool> = held_axes.iter().map(|axes| axes.contains(&false)).collect();
+        let order = numbering(&mesh.elements, &free);
+        let free_nodes = free.iter().filter(|free| **free).count();
         let mut rank = vec![0; order.len()];
         for (new, &old) in order.iter().enumerate() {
             rank[old as usize] = new as u32;
         }
+        // An element whose nodes are all held stores no energy.
+        let live = |e: &usize| mesh.elements[*e].iter().any(|&n| free[n as usize]);
+        let live: Vec<usize> = (0..mesh.elements.len()).filter(live).collect();
         let elements: Vec<[u32; 10]> =
-            mesh.elements.iter().map(|e| e.map(|node| rank[node as usize])).collect();
+            live.iter().map(|&e| mesh.elements[e].map(|node| rank[node as usize])).collect();
         let rest: Vec<DVec3> = order.iter().map(|&old| mesh.positions[old as usize]).collect();
         let mut points = Vec::with_capacity(elements.len());
         for (e, element) in mesh.elements.iter().enumerate() {
@@ -80,26 +112,18 @@ impl Model {
             };
             points.push(element);
         }
-        let mut held = vec![false; 3 * rest.len()];
-        for fixed in fixed {
-            let Some(&inner) = rank.get(fixed.node as usize) else {
-                let problem = format!("the mesh has {} nodes", rest.len());
-                return invalid(format!("fixed node {}", fixed.node), problem, "number nodes from 0");
-            };
-            for (axis, &fixed) in fixed.axes.iter().enumerate() {
-                held[3 * inner as usize + axis] |= fixed;
-            }
-        }
-        let pattern = Pattern::new(rest.len(), &elements);
+        let smallest =
+            points.iter().map(|p| p.iter().map(|q| q.volume).sum::<f64>()).fold(f64::INFINITY, f64::min);
+        let points = live.iter().map(|&e| points[e]).collect();
+        let held: Vec<bool> = order.iter().flat_map(|&old| held_axes[old as usize]).collect();
+        let pattern = Pattern::new(free_nodes, &elements);
         let symbolic = Symbolic::new(&pattern);
         let tissues: Vec<Tissue> = materials.into_iter().map(Tissue::new).collect();
         let softest =
             tissues.iter().map(|t| t.material.small_strain().shear_pa).fold(f64::INFINITY, f64::min);
-        let smallest =
-            points.iter().map(|p| p.iter().map(|q| q.volume).sum::<f64>()).fold(f64::INFINITY, f64::min);
         let mut model = Model {
             boundary: mesh.boundary(),
-            regions: mesh.regions.clone(),
+            regions: live.iter().map(|&e| mesh.regions[e]).collect(),
             mesh,
             rank,
             elements,
@@ -127,21 +151,6 @@ impl Model {
         model.rest_stiffness = stiffness;
         model.rest_factor = factor;
         Ok(model)
-    }
-
-    /// Scratch.
-    pub fn timing(&self) {
-        let cpu = || { let s = std::fs::read_to_string("/proc/self/stat").unwrap(); let f: Vec<&str> = s.split(' ').collect(); f[13].parse::<f64>().unwrap() / 100.0 };
-        let zero = vec![0.0; self.held.len()];
-        let (mut g, mut k) = (zero.clone(), Stiffness::default());
-        let t = cpu(); for _ in 0..10 { self.assemble(&zero, &mut g, &mut k); } println!("assemble {:.4}", (cpu() - t) / 10.0);
-        let t = cpu(); for _ in 0..10 { self.energy(&zero); } println!("energy {:.4}", (cpu() - t) / 10.0);
-        let t = cpu(); for _ in 0..3 { let _ = self.symbolic.factor(&self.pattern, &k, &self.held); } println!("factor {:.4}", (cpu() - t) / 3.0);
-        let mut x = vec![1.0f32; zero.len()]; let mut s = Vec::new();
-        let t = cpu(); for _ in 0..20 { self.symbolic.solve(&self.rest_factor, &mut x, &mut s); } println!("solve {:.4}", (cpu() - t) / 20.0);
-        let y = vec![1.0; zero.len()]; let mut z = zero.clone();
-        let t = cpu(); for _ in 0..20 { k.multiply(&self.pattern, &y, &mut z); } println!("multiply {:.4}", (cpu() - t) / 20.0);
-        println!("factor in solves {}", self.symbolic.factor_in_solves);
     }
 
     /// As it was given.

@@ -14,6 +14,9 @@ use std::sync::atomic::AtomicBool;
 /// A load step that fails is halved this often.
 const MAX_CUTS: u32 = 6;
 
+/// Of the tool's force: less than that, let go by points that have left the tool, changes nothing worth a solve.
+const LET_GO: f64 = 3e-3;
+
 /// How often a step is solved again because points that stuck have left the tool.
 const MAX_RELEASES: u32 = 4;
 
@@ -316,19 +319,23 @@ impl<'m, 't> Walker<'m, 't> {
         let (old_offset, old_u) = (self.offset, self.solver.u.clone());
         let move_by = offset - self.offset;
         let travelled = self.travelled + move_by.length();
-        self.place(offset);
         self.predict(travelled, move_by);
+        self.place(offset);
         let mut result = self.solver.equilibrate(&self.load, cancelled);
         if matches!(result, Err(failure) if failure != Failure::Cancelled) && self.trail.len() > 1 {
             // The extrapolation may have led astray: once more from the last equilibrium.
             self.solver.u.copy_from_slice(&old_u);
-            self.displace(move_by);
+            self.place(old_offset);
+            self.solver.follow(&self.load, move_by);
+            self.place(offset);
             result = self.solver.equilibrate(&self.load, cancelled);
         }
         if sticking && result.is_ok() {
             for _ in 0..MAX_RELEASES {
                 let Load::Tool(contact) = &mut self.load else { break };
-                if !contact.catch(self.solver.model, &self.solver.u) {
+                let model = self.solver.model;
+                let force = contact.resultant(model, &self.solver.u).force_n.length();
+                if contact.catch(model, &self.solver.u) <= LET_GO * force {
                     break;
                 }
                 result = self.solver.equilibrate(&self.load, cancelled);
@@ -355,7 +362,7 @@ impl<'m, 't> Walker<'m, 't> {
     /// A first guess: the polynomial through the last equilibria, continued.
     fn predict(&mut self, travelled: f64, move_by: DVec3) {
         if self.trail.len() < 2 {
-            self.displace(move_by);
+            self.solver.follow(&self.load, move_by);
             return;
         }
         let weights = lagrange(self.trail.iter().map(|(t, _)| *t), travelled);
@@ -374,16 +381,7 @@ impl<'m, 't> Walker<'m, 't> {
         }
         if !self.solver.model.energy(&self.solver.u).is_finite() {
             self.solver.u.copy_from_slice(&self.trail[0].1);
-            self.displace(move_by);
-        }
-    }
-
-    /// Moves what the load holds, and the body with it to first order. A tool moves without the body.
-    fn displace(&mut self, move_by: DVec3) {
-        if let Load::Held(unknowns) = &self.load {
-            let increments: Vec<(usize, f64)> =
-                unknowns.iter().map(|&unknown| (unknown, move_by[unknown % 3])).collect();
-            self.solver.follow(&self.load, &increments);
+            self.solver.follow(&self.load, move_by);
         }
     }
 

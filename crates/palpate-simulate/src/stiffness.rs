@@ -2,6 +2,9 @@
 
 use crate::element::{Contribution, PAIRS};
 
+/// The place of a block that couples a held node.
+const NOWHERE: u32 = u32::MAX;
+
 /// Which nodes are coupled: the lower triangle by columns, and where each element's blocks go.
 #[derive(Debug)]
 pub(crate) struct Pattern {
@@ -14,12 +17,15 @@ pub(crate) struct Pattern {
 }
 
 impl Pattern {
+    /// Of the first `nodes` nodes: the others are held.
     pub fn new(nodes: usize, elements: &[[u32; 10]]) -> Self {
         let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); nodes];
         for element in elements {
             for (a, &i) in element.iter().enumerate() {
                 for &j in &element[..=a] {
-                    neighbours[i.min(j) as usize].push(i.max(j));
+                    if (i.max(j) as usize) < nodes {
+                        neighbours[i.min(j) as usize].push(i.max(j));
+                    }
                 }
             }
         }
@@ -41,7 +47,7 @@ impl Pattern {
                 for (a, &i) in element.iter().enumerate() {
                     for &j in &element[..=a] {
                         // The block of (a, b) has a's components as rows.
-                        places[pair] = 2 * pattern.block(i, j) + u32::from(i < j);
+                        places[pair] = pattern.block(i, j).map_or(NOWHERE, |b| 2 * b + u32::from(i < j));
                         pair += 1;
                     }
                 }
@@ -51,12 +57,15 @@ impl Pattern {
         pattern
     }
 
-    /// The block that couples two nodes of one element.
-    pub fn block(&self, i: u32, j: u32) -> u32 {
+    /// The block that couples two nodes of one element; `None` if one of them is held.
+    pub fn block(&self, i: u32, j: u32) -> Option<u32> {
         let (row, column) = (i.max(j), i.min(j) as usize);
+        if row as usize >= self.nodes() {
+            return None;
+        }
         let range = self.starts[column] as usize..self.starts[column + 1] as usize;
         let place = self.rows[range.clone()].binary_search(&row).expect("the nodes share an element");
-        (range.start + place) as u32
+        Some((range.start + place) as u32)
     }
 
     pub fn nodes(&self) -> usize {
@@ -78,7 +87,7 @@ impl Stiffness {
 
     pub fn add(&mut self, pattern: &Pattern, element: usize, contribution: &Contribution) {
         for (&place, block) in pattern.places[element].iter().zip(&contribution.stiffness) {
-            let target = &mut self.blocks[(place / 2) as usize];
+            let Some(target) = self.blocks.get_mut((place / 2) as usize) else { continue };
             if place % 2 == 0 {
                 for (t, b) in target.iter_mut().zip(block) {
                     *t += b;
@@ -95,7 +104,8 @@ impl Stiffness {
 
     /// Adds a symmetric block between two nodes: `value` for (i, j), and by symmetry for (j, i).
     pub fn add_block(&mut self, pattern: &Pattern, i: u32, j: u32, value: &[f64; 9]) {
-        let target = &mut self.blocks[pattern.block(i, j) as usize];
+        let Some(block) = pattern.block(i, j) else { return };
+        let target = &mut self.blocks[block as usize];
         for r in 0..3 {
             for c in 0..3 {
                 target[3 * r + c] += if i >= j { value[3 * r + c] } else { value[3 * c + r] };
@@ -103,7 +113,7 @@ impl Stiffness {
         }
     }
 
-    /// y = K x.
+    /// y = K x in the free nodes' unknowns; 0 in the others'.
     pub fn multiply(&self, pattern: &Pattern, x: &[f64], y: &mut [f64]) {
         y.fill(0.0);
         for j in 0..pattern.nodes() {
