@@ -104,9 +104,12 @@ fn deformation(point: &GaussPoint, u: &[f64; 30]) -> Tensor {
     f
 }
 
-fn determinant(f: &Tensor) -> f64 {
-    f[0] * (f[4] * f[8] - f[5] * f[7]) - f[1] * (f[3] * f[8] - f[5] * f[6])
-        + f[2] * (f[3] * f[7] - f[4] * f[6])
+/// Whether F turns volumes inside out, or is none.
+#[inline(always)]
+fn folded(f: &Tensor) -> bool {
+    let determinant = f[0] * (f[4] * f[8] - f[5] * f[7]) - f[1] * (f[3] * f[8] - f[5] * f[6])
+        + f[2] * (f[3] * f[7] - f[4] * f[6]);
+    determinant <= 0.0 || determinant.is_nan()
 }
 
 /// A material as the element sees it: its bulk modulus in the part taken point by point and the part on the mean.
@@ -131,7 +134,7 @@ impl Tissue {
         let (mut energy, mut volume, mut mean) = (0.0, 0.0, 0.0);
         for point in points {
             let f = deformation(point, u);
-            if self.positive && !(determinant(&f) > 0.0) {
+            if self.positive && folded(&f) {
                 return f64::INFINITY;
             }
             let theta = self.material.measure().value(&f);
@@ -155,7 +158,7 @@ impl Tissue {
         let (mut volume, mut mean) = (0.0, 0.0);
         for (point, f) in points.iter().zip(&mut deformations) {
             *f = deformation(point, u);
-            if self.positive && !(determinant(f) > 0.0) {
+            if self.positive && folded(f) {
                 out.energy = f64::INFINITY;
                 return;
             }

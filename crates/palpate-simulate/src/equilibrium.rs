@@ -249,14 +249,14 @@ impl<'m> Solver<'m> {
         }
         let mut last_norm = None;
         let mut watch = None;
-        let tolerance = if matches!(load, Load::Tool(_)) { TOOL_TOLERANCE } else { TOLERANCE };
+        let share = if matches!(load, Load::Tool(_)) { TOOL_TOLERANCE } else { TOLERANCE };
         for iteration in 0..MAX_NEWTON {
             if cancelled.load(Ordering::Relaxed) {
                 return Err(Failure::Cancelled);
             }
             let norm = self.free_norm(&self.gradient);
             let target =
-                TOLERANCE * load.reaction(self.model, &self.u, &self.gradient).max(self.model.least_force_n);
+                share * load.reaction(self.model, &self.u, &self.gradient).max(self.model.least_force_n);
             if norm <= target {
                 return Ok(iteration);
             }
@@ -273,7 +273,7 @@ impl<'m> Solver<'m> {
             let d = self.direction(&gradient, tolerance);
             let slope = dot(&gradient, &d);
             self.gradient = gradient;
-            if !(slope < 0.0) {
+            if slope >= 0.0 || slope.is_nan() {
                 return Err(Failure::Stuck);
             }
             energy = self.search(load, energy, slope, d, &mut watch)?;

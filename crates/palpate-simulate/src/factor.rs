@@ -81,15 +81,17 @@ impl Symbolic {
         let order = SymmetricOrdering::Custom(PermRef::new_checked(&order, &order, n));
         let cholesky = factorize_symbolic_cholesky(matrix, faer::Side::Lower, order, parameters)
             .expect("the pattern fits into memory");
+        let SymbolicCholeskyRaw::Supernodal(supernodal) = cholesky.raw() else {
+            unreachable!("supernodes were asked for");
+        };
         let (mut flops, mut entries) = (0.0, 0.0);
-        if let SymbolicCholeskyRaw::Supernodal(s) = cholesky.raw() {
-            for s in 0..s.n_supernodes() {
-                let SymbolicCholeskyRaw::Supernodal(symbolic) = cholesky.raw() else { continue };
-                let width = (symbolic.supernode_end()[s] - symbolic.supernode_begin()[s]) as f64;
-                let height = symbolic.supernode(s).pattern().len() as f64 + width;
-                flops += width * height * height;
-                entries += width * height;
-            }
+        for (s, (begin, end)) in
+            supernodal.supernode_begin().iter().zip(supernodal.supernode_end()).enumerate()
+        {
+            let width = f64::from(end - begin);
+            let height = supernodal.supernode(s).pattern().len() as f64 + width;
+            flops += width * height * height;
+            entries += width * height;
         }
         // A factorisation does about fourteen times as many operations a second as a solve, which waits for memory.
         let factor_in_solves = flops / (4.0 * entries) / 14.0;
@@ -148,12 +150,12 @@ impl Symbolic {
     fn substitute(&self, factor: &Factor, x: &mut [f32], scratch: &mut Vec<f32>) {
         let SymbolicCholeskyRaw::Supernodal(symbolic) = self.cholesky.raw() else { return };
         let starts = symbolic.col_ptr_for_val();
-        for s in 0..symbolic.n_supernodes() {
+        for (s, &first) in starts[..symbolic.n_supernodes()].iter().enumerate() {
             let node = symbolic.supernode(s);
             let (start, pattern) = (node.start(), node.pattern());
             let width = symbolic.supernode_end()[s] as usize - start;
             let height = width + pattern.len();
-            let values = &factor.values[starts[s] as usize..][..width * height];
+            let values = &factor.values[first as usize..][..width * height];
             scratch.clear();
             scratch.resize(pattern.len(), 0.0);
             let top = &mut x[start..start + width];
