@@ -237,6 +237,21 @@ fn what_is_too_thin_is_refused() {
     refused(&both, 12.0, "parts");
 }
 
+/// Two balls that overlap, as one surface that crosses itself.
+#[test]
+fn a_surface_may_cross_itself() {
+    let ball = Shape::Sphere { radius_mm: 20.0 }.mesh(Resolution::default()).unwrap();
+    let mut both = ball.clone();
+    both.positions.extend(ball.positions.iter().map(|p| *p + DVec3::X * 0.02));
+    both.triangles.extend(ball.triangles.iter().map(|t| t.map(|v| v + ball.positions.len() as u32)));
+    let distance = SignedDistance::new(&both).unwrap();
+    for p in scatter(distance.bounds().0, distance.bounds().1, 1000) {
+        let inside = SignedDistance::new(&ball).unwrap();
+        let inside = inside.distance(p).0 < 0.0 || inside.distance(p - DVec3::X * 0.02).0 < 0.0;
+        assert_eq!(distance.distance_by_winding(p).0 < 0.0, inside, "{p}");
+    }
+}
+
 #[test]
 fn options_that_make_no_sense_are_refused() {
     let refused = |options: FillOptions, word: &str| {
@@ -284,7 +299,7 @@ fn liver() -> Option<TriangleMesh> {
 #[test]
 fn an_organ_is_filled() {
     let Some(surface) = liver() else { return };
-    for edge_mm in [10.0, 5.0] {
+    for edge_mm in [4.0, 2.5] {
         let before = std::time::Instant::now();
         let (mesh, report) = fill(&surface, &options(edge_mm)).unwrap();
         println!("{:?}", before.elapsed());
@@ -344,6 +359,8 @@ fn distances_are_those_of_all_triangles() {
             let (d, gradient) = distance.distance(p);
             let exact = by_all_triangles(&mesh, p);
             assert!((d - exact).abs() < 1e-12, "{p}: {d} for {exact}");
+            assert_eq!(distance.distance_by_winding(p).0.abs(), d.abs());
+            assert!((distance.distance_by_winding(p).0 - exact).abs() < 1e-12);
             assert!(gradient.is_normalized());
             // The nearest point is on the surface.
             assert!(distance.distance(p - gradient * d).0.abs() < 1e-12);
@@ -352,6 +369,10 @@ fn distances_are_those_of_all_triangles() {
         let before = std::time::Instant::now();
         let sum: f64 = points.iter().map(|p| distance.distance(*p).0).sum();
         println!("{} triangles: {:?} a query ({sum:.3})", mesh.triangles.len(), before.elapsed() / 20_000);
+        let before = std::time::Instant::now();
+        let near: Vec<DVec3> = mesh.positions.iter().map(|p| *p * 1.02).collect();
+        let sum: f64 = (0..10).flat_map(|_| &near).map(|p| distance.distance(*p).0).sum();
+        println!("   near: {:?} a query ({sum:.3})", before.elapsed() / near.len() as u32 / 10);
     }
 }
 
@@ -376,10 +397,47 @@ fn surfaces_without_an_inside_are_refused() {
         assert!(message.contains(word), "{message}");
     };
     refused(&|m| m.triangles.clear(), "no triangle");
-    refused(&|m| drop(m.triangles.pop()), "hole");
+    refused(&|m| m.triangles.truncate(m.triangles.len() - 1), "hole");
     refused(&|m| m.triangles[3].swap(0, 1), "opposite ways");
     refused(&|m| m.triangles.iter_mut().for_each(|t| t.swap(0, 1)), "faces inwards");
     refused(&|m| m.triangles[0][0] = 999_999, "triangle 0");
     refused(&|m| m.positions[5].x = f64::NAN, "vertex 5");
     refused(&|m| m.triangles.push(m.triangles[0]), "3 triangles share it");
+}
+
+#[test]
+fn explore() {
+    let mut meshes =
+        vec![TORUS.mesh(Resolution { edge_length_mm: Some(2.0), ..Default::default() }).unwrap()];
+    meshes.extend(liver());
+    for mesh in meshes {
+        let distance = SignedDistance::new(&mesh).unwrap();
+        for f in [1.001, 1.02, 1.5, 0.5] {
+            let near: Vec<DVec3> = mesh.positions.iter().map(|p| *p * f).collect();
+            let cpu = || {
+                let t = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap();
+                t.split(' ').next().unwrap().parse::<f64>().unwrap()
+            };
+            let before = cpu();
+            let mut sum = 0.0;
+            for _ in 0..20 {
+                for p in &near {
+                    sum += distance.distance(*p).0;
+                }
+            }
+            let mid = cpu();
+            for _ in 0..20 {
+                for p in &near {
+                    sum += distance.distance_by_winding(*p).0;
+                }
+            }
+            let n = near.len() as f64 * 20.0;
+            println!(
+                "{} tris, {f}: {:.0} ns, winding {:.0} ns {sum}",
+                mesh.triangles.len(),
+                (mid - before) / n,
+                (cpu() - mid) / n
+            );
+        }
+    }
 }

@@ -14,6 +14,8 @@ pub struct SignedDistance {
     faces: Vec<Pseudonormals>,
     low: DVec3,
     high: DVec3,
+    /// To beyond the box from any point in it, along no line of symmetry.
+    way: DVec3,
     volume: f64,
     shells: Vec<f64>,
     euler: i64,
@@ -94,6 +96,7 @@ impl SignedDistance {
             faces: faces.collect(),
             low,
             high,
+            way: DVec3::new(0.2718, 0.3142, 1.0) * (1.1 * (high - low).length()),
             volume,
             shells: volumes.into_values().collect(),
             euler: used - mesh.triangles.len() as i64 / 2,
@@ -127,6 +130,14 @@ impl SignedDistance {
         let gradient =
             if length > 1e3 * rounding { offset * (sign / length) } else { normal.normalize_or_zero() };
         (sign * length, gradient)
+    }
+
+    /// As [`SignedDistance::distance`], but inside is where the surface winds around once or more often: right also
+    /// where it crosses itself, at twice the time.
+    pub fn distance_by_winding(&self, p: DVec3) -> (f64, DVec3) {
+        let (d, gradient) = self.distance(p);
+        let inside = self.search.winding(p, self.way) > 0;
+        if inside == (d < 0.0) { (d, gradient) } else { (-d, -gradient) }
     }
 
     /// The smallest box around the mesh, m.
