@@ -210,6 +210,20 @@ fn meshes_do_not_depend_on_threads() {
 }
 
 #[test]
+fn sharp_edges_of_a_surface_are_rounded_but_sound() {
+    let surface = BLOCK.mesh(Resolution { edge_length_mm: Some(20.0), ..Default::default() }).unwrap();
+    let (mesh, report) = fill(&surface, &options(6.0)).unwrap();
+    print("block as a surface 6 mm", &report);
+    check(&mesh, &report, 2);
+    assert!(report.least_angle_deg > 10.0 && report.largest_angle_deg < 165.5);
+    let distance = SignedDistance::new(&surface).unwrap();
+    let corners: Vec<u32> = mesh.boundary().faces.iter().flat_map(|f| f[..3].to_vec()).collect();
+    for n in corners {
+        assert!(distance.distance(mesh.positions[n as usize]).0.abs() < 1e-12);
+    }
+}
+
+#[test]
 fn what_is_too_thin_is_refused() {
     let refused = |surface: &TriangleMesh, edge_mm: f64, word: &str| {
         let message = fill(surface, &options(edge_mm)).unwrap_err().to_string();
@@ -362,6 +376,8 @@ fn distances_are_those_of_all_triangles() {
             assert_eq!(distance.distance_by_winding(p).0.abs(), d.abs());
             assert!((distance.distance_by_winding(p).0 - exact).abs() < 1e-12);
             assert!(gradient.is_normalized());
+            assert_eq!(distance.distance_within(p, d.abs() * 0.999), None);
+            assert_eq!(distance.distance_within(p, d.abs() * 1.001), Some((d, gradient)));
             // The nearest point is on the surface.
             assert!(distance.distance(p - gradient * d).0.abs() < 1e-12);
         }
@@ -403,41 +419,4 @@ fn surfaces_without_an_inside_are_refused() {
     refused(&|m| m.triangles[0][0] = 999_999, "triangle 0");
     refused(&|m| m.positions[5].x = f64::NAN, "vertex 5");
     refused(&|m| m.triangles.push(m.triangles[0]), "3 triangles share it");
-}
-
-#[test]
-fn explore() {
-    let mut meshes =
-        vec![TORUS.mesh(Resolution { edge_length_mm: Some(2.0), ..Default::default() }).unwrap()];
-    meshes.extend(liver());
-    for mesh in meshes {
-        let distance = SignedDistance::new(&mesh).unwrap();
-        for f in [1.001, 1.02, 1.5, 0.5] {
-            let near: Vec<DVec3> = mesh.positions.iter().map(|p| *p * f).collect();
-            let cpu = || {
-                let t = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap();
-                t.split(' ').next().unwrap().parse::<f64>().unwrap()
-            };
-            let before = cpu();
-            let mut sum = 0.0;
-            for _ in 0..20 {
-                for p in &near {
-                    sum += distance.distance(*p).0;
-                }
-            }
-            let mid = cpu();
-            for _ in 0..20 {
-                for p in &near {
-                    sum += distance.distance_by_winding(*p).0;
-                }
-            }
-            let n = near.len() as f64 * 20.0;
-            println!(
-                "{} tris, {f}: {:.0} ns, winding {:.0} ns {sum}",
-                mesh.triangles.len(),
-                (mid - before) / n,
-                (cpu() - mid) / n
-            );
-        }
-    }
 }

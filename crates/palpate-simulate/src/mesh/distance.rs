@@ -105,11 +105,13 @@ impl SignedDistance {
 
     /// The distance (m), negative inside, and its gradient: the unit vector from the nearest point if outside,
     /// towards it if inside; on the surface the pseudonormal.
-    #[inline]
     pub fn distance(&self, p: DVec3) -> (f64, DVec3) {
-        let Some((at, nearest)) = self.search.nearest(p, f64::INFINITY) else {
-            return (f64::INFINITY, DVec3::ZERO);
-        };
+        self.distance_within(p, f64::INFINITY).unwrap_or((f64::INFINITY, DVec3::ZERO))
+    }
+
+    /// The same where the surface is at most `reach` (m) away; from afar a small reach is faster.
+    pub fn distance_within(&self, p: DVec3, reach: f64) -> Option<(f64, DVec3)> {
+        let (at, nearest) = self.search.nearest(p, reach)?;
         let normals = &self.faces[at.element as usize];
         // The nearest point's coordinates are exactly zero where an edge or a vertex is nearest.
         let zero = at.n.map(|n| n == 0.0);
@@ -129,7 +131,7 @@ impl SignedDistance {
         let rounding = 1e-15 * (self.high - self.low).max_element().max(p.abs().max_element());
         let gradient =
             if length > 1e3 * rounding { offset * (sign / length) } else { normal.normalize_or_zero() };
-        (sign * length, gradient)
+        Some((sign * length, gradient))
     }
 
     /// As [`SignedDistance::distance`], but inside is where the surface winds around once or more often: right also

@@ -618,10 +618,11 @@ fn finish<F: Fn(DVec3) -> (f64, DVec3) + Sync>(
         return Err(coarse("no element fits into it".into()));
     }
     if parts != expected.parts {
-        return Err(coarse(format!(
-            "it has {} parts, but elements of {size} mm make {parts} of them",
-            expected.parts
-        )));
+        return Err(SimulateError::invalid(
+            "surface",
+            format!("it has {} parts, but elements of {size} mm make {parts} of them", expected.parts),
+            format!("give [mesh] element_size_mm smaller than {size}; unite parts that touch or overlap"),
+        ));
     }
     let Cut { points, sides, walls, mut tetrahedra, domain, .. } = cut;
     let mut order: Vec<u32> = tetrahedra.iter().flatten().copied().collect();
