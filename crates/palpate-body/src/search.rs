@@ -505,6 +505,7 @@ impl Ray {
     }
 
     /// Corners in the ray's frame, in which it runs from the origin along z.
+    #[inline]
     fn sheared(&self, corners: [DVec3; 3]) -> [[f64; 3]; 3] {
         corners.map(|p| {
             let p = p - self.from;

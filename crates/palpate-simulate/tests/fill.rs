@@ -101,6 +101,20 @@ fn round_shapes_are_stuffed_within_the_papers_angles() {
     }
 }
 
+#[test]
+fn elements_grow_inwards_as_far_as_asked() {
+    let longest = |interior_edge_m: f64| {
+        let (mesh, report) = fill_shape(&BLOCK, &FillOptions { interior_edge_m, ..options(4.0) }).unwrap();
+        check(&mesh, &report, 2);
+        let edges = mesh.elements.iter().flat_map(|e| EDGES.map(|[a, b]| [e[a], e[b]]));
+        edges
+            .map(|[a, b]| mesh.positions[a as usize].distance(mesh.positions[b as usize]))
+            .fold(0.0, f64::max)
+    };
+    let [same, twice, any] = [4e-3, 8e-3, 1.0].map(longest);
+    assert!(same < 6.5e-3 && (7e-3..13e-3).contains(&twice) && any > 15e-3, "{same} {twice} {any}");
+}
+
 /// Balls a few cells across, joined with sharp creases, where all kinds of cuts occur: the paper's bounds but for a
 /// degree.
 #[test]
