@@ -330,8 +330,8 @@ fn options_that_make_no_sense_are_refused() {
 
 /// The smoothed liver of SOFA, in cm, if it is there.
 fn liver() -> Option<TriangleMesh> {
-    let path = Path::new("/work/shared/data/sofa/liver-smooth.obj");
-    let Ok(text) = std::fs::read_to_string(path) else {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/sofa/liver-smooth.obj");
+    let Ok(text) = std::fs::read_to_string(&path) else {
         println!("skipped: {} is not there", path.display());
         return None;
     };
