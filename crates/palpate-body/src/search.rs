@@ -214,32 +214,6 @@ impl Search {
             }
         }
     }
-
-    /// The nearest point and its distance squared, if below the bound. `corners` gives an element's.
-    #[inline]
-    fn nearest(
-        &self,
-        p: DVec3,
-        max_distance: f64,
-        corners: impl Fn(u32) -> [DVec3; 3],
-    ) -> Option<(SurfacePoint, f64)> {
-        let mut best: Option<(SurfacePoint, f64)> = None;
-        self.walk(
-            max_distance * max_distance,
-            |b| b.distance_squared(p),
-            |element, bound| {
-                let corners = corners(element);
-                let n = nearest_on_triangle(p, corners);
-                let d = (point(corners, n) - p).length_squared();
-                if d < bound || (best.is_none() && d <= bound) {
-                    best = Some((SurfacePoint { element, n }, d));
-                    return d;
-                }
-                bound
-            },
-        );
-        best
-    }
 }
 
 /// Nearest points of a bare triangle mesh, with nothing promised of it.
@@ -248,6 +222,8 @@ pub struct MeshSearch {
     search: Search,
     /// Along the tree's curve: what is near in space is near in memory.
     corners: Vec<[DVec3; 3]>,
+    /// Around each of these triangles: most need no closer look.
+    boxes: Vec<Box3>,
     /// The mesh's number of each of these triangles.
     triangles: Vec<u32>,
 }
@@ -265,16 +241,58 @@ impl MeshSearch {
             .map(|&t| mesh.triangles[t as usize].map(|v| mesh.positions[v as usize]))
             .collect();
         search.order = (0..corners.len() as u32).collect();
-        MeshSearch { search, corners, triangles }
+        let boxes = corners.iter().map(|c: &[DVec3; 3]| {
+            let mut b = Box3::EMPTY;
+            c.iter().for_each(|p| b.include(*p));
+            b
+        });
+        MeshSearch { search, boxes: boxes.collect(), corners, triangles }
     }
 
     /// The mesh's point nearest to `p`, if one is within `max_distance` (m), the triangle's number as its element;
     /// and the point itself, m.
     pub fn nearest(&self, p: DVec3, max_distance: f64) -> Option<(SurfacePoint, DVec3)> {
-        let corners = |slot: u32| self.corners.get(slot as usize).copied().unwrap_or([DVec3::NAN; 3]);
-        let (at, _) = self.search.nearest(p, max_distance, corners)?;
-        let element = self.triangles.get(at.element as usize).copied()?;
-        Some((SurfacePoint { element, n: at.n }, point(corners(at.element), at.n)))
+        let mut best: Option<(u32, [f64; 3], DVec3)> = None;
+        self.search.walk(
+            max_distance * max_distance,
+            |b| b.distance_squared(p),
+            |slot, bound| {
+                let i = slot as usize;
+                let (Some(b), Some(corners)) = (self.boxes.get(i), self.corners.get(i)) else { return bound };
+                if b.distance_squared(p) > bound {
+                    return bound;
+                }
+                let n = nearest_on_triangle(p, *corners);
+                let q = point(*corners, n);
+                let d = (q - p).length_squared();
+                if d < bound || (best.is_none() && d <= bound) {
+                    best = Some((slot, n, q));
+                    return d;
+                }
+                bound
+            },
+        );
+        let (slot, n, q) = best?;
+        Some((SurfacePoint { element: *self.triangles.get(slot as usize)?, n }, q))
+    }
+
+    /// How often a closed mesh winds around `p`: 0 outside, 1 inside, 2 where it overlaps itself. Counted along the
+    /// segment from `p` by `way`, which must end outside.
+    ///
+    /// Edges and vertices on the segment count once: neighbours agree to the bit (Woop, Benthin and Wald 2013).
+    pub fn winding(&self, p: DVec3, way: DVec3) -> i32 {
+        let segment = Segment { middle: p + way * 0.5, half: way * 0.5 };
+        let ray = Ray::new(p, way);
+        let mut winding = 0;
+        self.search.walk(
+            1.0,
+            |b| if b.meets(&segment, 0.0) { 0.0 } else { f64::INFINITY },
+            |slot, bound| {
+                winding += self.corners.get(slot as usize).map_or(0, |corners| ray.crossing(*corners));
+                bound
+            },
+        );
+        winding
     }
 }
 
@@ -284,7 +302,22 @@ impl Body {
     /// # Real-time
     /// Bounded by the number of elements, in practice logarithmic; no allocation, never panics.
     pub fn nearest(&self, p: DVec3, max_distance: f64) -> Option<Nearest> {
-        let best = self.search.nearest(p, max_distance, |element| self.corners(element));
+        let mut best: Option<(SurfacePoint, f64)> = None;
+        let bound = max_distance * max_distance;
+        self.search.walk(
+            bound,
+            |b| b.distance_squared(p),
+            |element, bound| {
+                let corners = self.corners(element);
+                let n = nearest_on_triangle(p, corners);
+                let d = (point(corners, n) - p).length_squared();
+                if d < bound || (best.is_none() && d <= bound) {
+                    best = Some((SurfacePoint { element, n }, d));
+                    return d;
+                }
+                bound
+            },
+        );
         best.map(|(at, d)| Nearest { at, distance: d.sqrt(), outside: self.is_outside(p, at) })
     }
 
@@ -471,12 +504,10 @@ impl Ray {
         Ray { from, axes: [x, y, z], shear, along }
     }
 
-    /// Fraction and area coordinates where the segment enters through the triangle's outer side.
-    fn touch(&self, from: DVec3, corners: [DVec3; 3]) -> Option<(f64, [f64; 3])> {
-        if self.along == 0.0 {
-            return None;
-        }
-        let [a, b, c] = corners.map(|p| {
+    /// Corners in the ray's frame, in which it runs from the origin along z.
+    #[inline]
+    fn sheared(&self, corners: [DVec3; 3]) -> [[f64; 3]; 3] {
+        corners.map(|p| {
             let p = p - self.from;
             let pick = |i: usize| match i {
                 0 => p.x,
@@ -485,7 +516,38 @@ impl Ray {
             };
             let [x, y, z] = self.axes.map(pick);
             [x - self.shear[0] * z, y - self.shear[1] * z, z]
-        });
+        })
+    }
+
+    /// 1 where the ray leaves through the triangle, −1 where it enters, ahead of its start; else 0.
+    fn crossing(&self, corners: [DVec3; 3]) -> i32 {
+        let [a, b, c] = self.sheared(corners);
+        // On which side of the edge the ray passes; on the edge itself, the side that its direction says: opposite
+        // ones for its two triangles.
+        let side = |p: [f64; 3], q: [f64; 3]| {
+            let area = p[0] * q[1] - p[1] * q[0];
+            let ahead = if p[1] == q[1] { q[0] > p[0] } else { q[1] > p[1] };
+            (area, area > 0.0 || (area == 0.0 && ahead))
+        };
+        let ((u, left_u), (v, left_v), (w, left_w)) = (side(c, b), side(a, c), side(b, a));
+        let sum = u + v + w;
+        if left_u != left_v || left_v != left_w || sum == 0.0 {
+            return 0;
+        }
+        let fraction = (u * a[2] + v * b[2] + w * c[2]) / sum / self.along;
+        match fraction > 0.0 {
+            true if left_u => -1,
+            true => 1,
+            false => 0,
+        }
+    }
+
+    /// Fraction and area coordinates where the segment enters through the triangle's outer side.
+    fn touch(&self, from: DVec3, corners: [DVec3; 3]) -> Option<(f64, [f64; 3])> {
+        if self.along == 0.0 {
+            return None;
+        }
+        let [a, b, c] = self.sheared(corners);
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];

@@ -14,6 +14,8 @@ pub struct SignedDistance {
     faces: Vec<Pseudonormals>,
     low: DVec3,
     high: DVec3,
+    /// To beyond the box from any point in it, along no line of symmetry.
+    way: DVec3,
     volume: f64,
     shells: Vec<f64>,
     euler: i64,
@@ -94,6 +96,7 @@ impl SignedDistance {
             faces: faces.collect(),
             low,
             high,
+            way: DVec3::new(0.2718, 0.3142, 1.0) * (1.1 * (high - low).length()),
             volume,
             shells: volumes.into_values().collect(),
             euler: used - mesh.triangles.len() as i64 / 2,
@@ -102,11 +105,13 @@ impl SignedDistance {
 
     /// The distance (m), negative inside, and its gradient: the unit vector from the nearest point if outside,
     /// towards it if inside; on the surface the pseudonormal.
-    #[inline]
     pub fn distance(&self, p: DVec3) -> (f64, DVec3) {
-        let Some((at, nearest)) = self.search.nearest(p, f64::INFINITY) else {
-            return (f64::INFINITY, DVec3::ZERO);
-        };
+        self.distance_within(p, f64::INFINITY).unwrap_or((f64::INFINITY, DVec3::ZERO))
+    }
+
+    /// The same where the surface is at most `reach` (m) away; from afar a small reach is faster.
+    pub fn distance_within(&self, p: DVec3, reach: f64) -> Option<(f64, DVec3)> {
+        let (at, nearest) = self.search.nearest(p, reach)?;
         let normals = &self.faces[at.element as usize];
         // The nearest point's coordinates are exactly zero where an edge or a vertex is nearest.
         let zero = at.n.map(|n| n == 0.0);
@@ -126,7 +131,15 @@ impl SignedDistance {
         let rounding = 1e-15 * (self.high - self.low).max_element().max(p.abs().max_element());
         let gradient =
             if length > 1e3 * rounding { offset * (sign / length) } else { normal.normalize_or_zero() };
-        (sign * length, gradient)
+        Some((sign * length, gradient))
+    }
+
+    /// As [`SignedDistance::distance`], but inside is where the surface winds around once or more often: right also
+    /// where it crosses itself, at twice the time.
+    pub fn distance_by_winding(&self, p: DVec3) -> (f64, DVec3) {
+        let (d, gradient) = self.distance(p);
+        let inside = self.search.winding(p, self.way) > 0;
+        if inside == (d < 0.0) { (d, gradient) } else { (-d, -gradient) }
     }
 
     /// The smallest box around the mesh, m.

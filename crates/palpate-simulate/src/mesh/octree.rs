@@ -14,8 +14,19 @@ pub(super) type Key = [i32; 3];
 /// Coordinates lie below this: three of them fit in a u64.
 pub(super) const MAX_COORDINATE: i32 = 1 << 20;
 
-/// More cells than this are refused: about 16 nodes each.
-const MAX_CELLS: usize = 4_000_000;
+/// More cells than this are refused: each makes about 16 nodes, and no solver here takes as many.
+pub(super) const MAX_CELLS: usize = 500_000;
+
+pub(super) fn too_many_cells() -> SimulateError {
+    SimulateError::invalid(
+        "[mesh] element_size_mm",
+        format!(
+            "it asks for more than {MAX_CELLS} cells, or about {} million nodes",
+            16 * MAX_CELLS / 1_000_000
+        ),
+        "give a larger size",
+    )
+}
 
 /// A cube of edge 2 · 2^level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -95,11 +106,7 @@ impl Octree {
                     }
                 }
                 if leaves.len() + next.len() > MAX_CELLS {
-                    return Err(SimulateError::invalid(
-                        "[mesh] element_size_mm",
-                        format!("it asks for more than {MAX_CELLS} cells"),
-                        "give a larger size",
-                    ));
+                    return Err(too_many_cells());
                 }
                 cells = next;
             }

@@ -1,11 +1,12 @@
 //! Tetrahedra in a closed surface: isosurface stuffing (Labelle and Shewchuk 2007).
 //!
 //! A lattice of tetrahedra, fine at the surface and coarser inside, is cut where the signed distance changes its sign.
-//! Lattice points that lie too near to a cut are first moved into the surface, so that no sliver is cut off: of a
-//! smooth surface, all dihedral angles lie between 10.7° and 164.8°, of any size and shape.
+//! Lattice points that lie too near to a cut are first moved into the surface, so that no sliver is cut off: the paper
+//! proves dihedral angles from 10.7° to 164.8° for any surface; ours were at 9.7° to 159.1° on the roughest tried, 18° to
+//! 148° on organs.
 
 use super::distance::{Shells, SignedDistance};
-use super::octree::{Cell, Fate, Key, MAX_COORDINATE, Octree, number};
+use super::octree::{Cell, Fate, Key, MAX_CELLS, MAX_COORDINATE, Octree, number, too_many_cells};
 use super::{EDGES, FACES, TetMesh};
 use crate::{Result, SimulateError};
 use glam::DVec3;
@@ -14,7 +15,7 @@ use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// How near a cut may come to a lattice point before the point moves there, as a share of the edge: for edges of the
-/// cubes and for edges to their centres (table 1 of the paper, its best bounds).
+/// cubes and for edges to their centres (the paper's choice for the best least angle).
 const ALPHA_LONG: f64 = 0.24999;
 const ALPHA_SHORT: f64 = 0.41189;
 
@@ -144,7 +145,7 @@ pub struct FillReport {
 
 /// Fills a closed surface with tetrahedra whose boundary nodes lie on it.
 ///
-/// Sharp edges are rounded off within an element's size; the built-in shapes keep theirs ([`super::shape::fill`]).
+/// Where the surface crosses itself, what lies in both parts is filled once. Sharp edges are rounded off within an element's size; the built-in shapes keep theirs ([`super::shape::fill`]).
 /// The same input gives the same mesh, on any number of threads.
 ///
 /// # Errors
@@ -157,7 +158,7 @@ pub fn fill(surface: &TriangleMesh, options: &FillOptions) -> Result<(TetMesh, F
         volume: distance.volume(),
         parts: distance.shells().iter().filter(|v| **v > least).count(),
     };
-    fill_distance(&|p| distance.distance(p), distance.bounds(), expected, options)
+    fill_distance(&|p| distance.distance_by_winding(p), distance.bounds(), expected, options)
 }
 
 /// What a mesh is checked against.
@@ -269,13 +270,12 @@ impl<F: Fn(DVec3) -> (f64, DVec3) + Sync> Domain<'_, F> {
     ) -> Result<(TetMesh, FillReport)> {
         let size = 2i32 << scale.top;
         if self.extent.iter().any(|e| *e >= MAX_COORDINATE) {
-            return Err(SimulateError::invalid(
-                "[mesh] element_size_mm",
-                format!("elements of {} mm are too small for this body", options.surface_edge_m * 1e3),
-                "give a larger size",
-            ));
+            return Err(too_many_cells());
         }
         let counts = self.extent.map(|e| (e + size - 1) / size);
+        if counts.iter().map(|n| f64::from(*n)).product::<f64>() > MAX_CELLS as f64 {
+            return Err(too_many_cells());
+        }
         let mut roots = Vec::new();
         for i in 0..counts[0] {
             for j in 0..counts[1] {
@@ -442,7 +442,7 @@ impl<'a, F: Fn(DVec3) -> (f64, DVec3) + Sync> Cut<'a, F> {
             let mut nearest: Option<(f64, u32)> = None;
             for &i in cuts.iter().filter(|i| alive[**i as usize]) {
                 let [a, b] = edges[i as usize];
-                let alpha = if self.is_along_axis(a, b) { ALPHA_LONG } else { ALPHA_SHORT };
+                let alpha = if self.is_to_centre(a, b) { ALPHA_SHORT } else { ALPHA_LONG };
                 let other = self.lattice_point(if a == n { b } else { a });
                 let near = roots[i as usize].distance(from);
                 let limit = alpha * self.lattice_point(n).distance(other);
@@ -453,10 +453,11 @@ impl<'a, F: Fn(DVec3) -> (f64, DVec3) + Sync> Cut<'a, F> {
             let Some((_, i)) = nearest else { continue };
             let [a, b] = edges[i as usize];
             let other = if a == n { b } else { a };
-            let walls = self.walls[n as usize];
+            let (key, to) = (self.keys[n as usize], self.keys[other as usize]);
+            let leaves_wall = (0..3).any(|a| key[a] != to[a] && self.domain.walls[a].contains(&key[a]));
             self.points[n as usize] = match self.domain.distance {
                 // A point in a wall stays in it: the surface meets walls at right angles.
-                Some(distance) if walls & self.walls[other as usize] != walls => project(distance, from),
+                Some(distance) if leaves_wall => project(distance, from),
                 _ => roots[i as usize],
             };
             self.sides[n as usize] = Side::Surface;
@@ -469,22 +470,25 @@ impl<'a, F: Fn(DVec3) -> (f64, DVec3) + Sync> Cut<'a, F> {
         self.domain.frame.point(self.keys[n as usize])
     }
 
-    fn is_along_axis(&self, a: u32, b: u32) -> bool {
+    /// Whether an edge runs from a cube's corner to its centre; else it is the cube's edge, or a diagonal in a wall
+    /// or between sizes.
+    fn is_to_centre(&self, a: u32, b: u32) -> bool {
         let (a, b) = (self.keys[a as usize], self.keys[b as usize]);
-        (0..3).filter(|i| a[*i] != b[*i]).count() == 1
+        (0..3).all(|i| a[i] != b[i])
     }
 
     /// Whether the diagonal of the quadrilateral that cuts leave of a face starts at a, of its inner corners a and b.
     ///
-    /// It ends in the cut of the longer edge. Of edges alike, it starts where an even number of coordinates are
+    /// It ends in the cut of the shorter edge: of both ways the one whose worst angles on organs are better (measured).
+    /// Of edges alike, it starts where an even number of coordinates are
     /// larger than the outer corner's: the parity rule, by which diagonals alternate around an edge.
     fn starts_at(&self, a: u32, b: u32, outer: u32) -> bool {
         let [ka, kb, ko] = [a, b, outer].map(|n| self.keys[n as usize]);
         let length = |k: Key| (0..3).map(|i| i64::from(k[i] - ko[i]).pow(2)).sum::<i64>();
         let larger = |k: Key| (0..3).filter(|i| k[*i] > ko[*i]).count() % 2;
         match length(ka).cmp(&length(kb)) {
-            std::cmp::Ordering::Less => true,
-            std::cmp::Ordering::Greater => false,
+            std::cmp::Ordering::Less => false,
+            std::cmp::Ordering::Greater => true,
             _ if larger(ka) != larger(kb) => larger(ka) == 0,
             _ => a < b,
         }
@@ -616,10 +620,11 @@ fn finish<F: Fn(DVec3) -> (f64, DVec3) + Sync>(
         return Err(coarse("no element fits into it".into()));
     }
     if parts != expected.parts {
-        return Err(coarse(format!(
-            "it has {} parts, but elements of {size} mm make {parts} of them",
-            expected.parts
-        )));
+        return Err(SimulateError::invalid(
+            "surface",
+            format!("it has {} parts, but elements of {size} mm make {parts} of them", expected.parts),
+            format!("give [mesh] element_size_mm smaller than {size}; unite parts that touch or overlap"),
+        ));
     }
     let Cut { points, sides, walls, mut tetrahedra, domain, .. } = cut;
     let mut order: Vec<u32> = tetrahedra.iter().flatten().copied().collect();
