@@ -48,7 +48,7 @@ pub fn sha256(path: &Path) -> Result<String> {
     read().map_err(|e| unreadable(path, &e))
 }
 
-fn unreadable(path: &Path, error: &io::Error) -> anyhow::Error {
+pub(crate) fn unreadable(path: &Path, error: &io::Error) -> anyhow::Error {
     anyhow!("{}: can't be read ({error}); check the path and its permissions", path.display())
 }
 
