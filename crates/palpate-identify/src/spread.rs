@@ -51,13 +51,47 @@ pub fn spread_guided(
     test_point_nodes: &[u32],
     guide: &[f64],
 ) -> Result<Vec<NodeMix>, FitError> {
-    check_guide(Some(guide), surface.positions().len())?;
     let mut mixes = spread(surface, test_point_nodes)?;
+    follow(&mut mixes, surface, test_point_nodes, guide)?;
+    Ok(mixes)
+}
+
+/// Bends the mixes so that they give the guide.
+pub(crate) fn follow(
+    mixes: &mut [NodeMix],
+    surface: &Surface,
+    test_point_nodes: &[u32],
+    guide: &[f64],
+) -> Result<(), FitError> {
+    check_guide(Some(guide), surface.positions().len())?;
     for (mix, &g) in mixes.iter_mut().zip(guide) {
         let own = mix.test_points.map(|t| guide[test_point_nodes[t as usize] as usize]);
         mix.weights = bend(mix.weights, own.map(|own| own / g - 1.0));
     }
-    Ok(mixes)
+    Ok(())
+}
+
+/// As [`spread`], but a part of the surface without a test point, such as the wall of a hollow that no tool reaches,
+/// has the response of the test point nearest in space. Also how many nodes are so.
+pub(crate) fn spread_everywhere(
+    surface: &Surface,
+    test_point_nodes: &[u32],
+) -> Result<(Vec<NodeMix>, usize), FitError> {
+    let placed = place(surface, test_point_nodes)?;
+    let mut alone = 0;
+    let nearest = |p: DVec3| {
+        let distance = |t: &usize| surface.positions()[test_point_nodes[*t] as usize].distance_squared(p);
+        (0..test_point_nodes.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
+    };
+    let mixes = (surface.vertices().iter().zip(surface.positions()))
+        .map(|(&v, &p)| {
+            placed[v as usize].unwrap_or_else(|| {
+                alone += 1;
+                NodeMix::own(nearest(p) as u32)
+            })
+        })
+        .collect();
+    Ok((mixes, alone))
 }
 
 /// Weights near `n` with Σ w d = 0.
