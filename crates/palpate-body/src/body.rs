@@ -74,6 +74,25 @@ impl Tool {
     }
 }
 
+/// How far a test point's responses are from the load paths they were made from: largest differences.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct PointErrors {
+    /// Of the paths, N.
+    pub largest_force_n: f64,
+    /// How deep the tool was pressed in, m.
+    pub depth_reached_m: f64,
+    /// Of the normal force while pressing, N.
+    pub normal_n: f64,
+    /// Of the normal force while dragging, N: responses know it by the depth only.
+    pub normal_dragged_n: f64,
+    /// Lateral force while pressing, N, of which responses know nothing.
+    pub lateral_pressed_n: f64,
+    /// Of the lateral force while dragging, N, with its direction.
+    pub lateral_n: f64,
+    /// The same with a response that is alike in all directions, N.
+    pub lateral_isotropic_n: f64,
+}
+
 /// Where a body came from.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
@@ -88,6 +107,9 @@ pub struct Provenance {
     pub inputs: BTreeMap<String, String>,
     /// What was repaired or assumed on the way.
     pub notes: Vec<String>,
+    /// One for each test point, where responses come from simulated load paths.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub point_errors: Vec<PointErrors>,
 }
 
 /// What a body is made of.

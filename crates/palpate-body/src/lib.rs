@@ -41,7 +41,7 @@ pub mod search;
 pub mod shape;
 pub mod surface;
 
-pub use body::{Body, BodyParts, Node, NodeMix, Provenance, SlipRule, Tool};
+pub use body::{Body, BodyParts, Node, NodeMix, PointErrors, Provenance, SlipRule, Tool};
 pub use curve::{Curve, Extension, Interpolation};
 pub use error::{BodyError, Result};
 pub use response::{Response, Responses, Rows, Sample};

@@ -4,7 +4,7 @@
 
 use glam::DVec3;
 use palpate_body::{
-    Body, BodyParts, Curve, Extension, Interpolation, NodeMix, Provenance, Response, SlipRule, Surface, Tool,
+    Body, BodyParts, Curve, Extension, Interpolation, NodeMix, PointErrors, Provenance, Response, SlipRule, Surface, Tool,
     TriangleMesh,
 };
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -92,6 +92,7 @@ fn body(mesh: &TriangleMesh, crease_angle: f64, points: u32) -> Body {
             inputs: [("a b.stl".to_string(), "00ff".to_string()), ("x.csv".to_string(), "17".to_string())]
                 .into(),
             notes: vec!["nothing was repaired".into()],
+            point_errors: vec![PointErrors { largest_force_n: 0.1 + 0.2, ..Default::default() }],
         },
     })
     .unwrap()

@@ -22,10 +22,15 @@
 
 mod error;
 mod fit;
+mod geodesic;
+mod paths;
 mod samples;
 mod spread;
+mod test_points;
 
 pub use error::FitError;
 pub use fit::{Fit, FitOptions, FitReport, PointReport, fit};
+pub use paths::{DragRecord, PathFit, PathOptions, PointFit, PointRecord, fit_paths, fit_point};
 pub use samples::{Component, Sample, read_samples};
-pub use spread::spread;
+pub use spread::{spread, spread_guided};
+pub use test_points::{Amount, test_points};

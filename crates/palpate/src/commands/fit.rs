@@ -118,6 +118,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         spec: spec.as_ref().map(|s| s.text.clone()),
         inputs: digests(&inputs)?,
         notes: notes.clone(),
+        point_errors: Vec::new(),
     };
     let body = Body::new(BodyParts {
         surface,
