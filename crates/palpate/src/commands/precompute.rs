@@ -1,9 +1,9 @@
 //! `palpate precompute`.
 
 use super::Failure;
+use crate::precompute::HalfSpace;
 use crate::precompute::assemble::{self, Report};
 use crate::precompute::prepare::{inputs_of, plan, prepare};
-use crate::precompute::HalfSpace;
 use crate::precompute::volume::tool_radius;
 use crate::precompute::{Options, Prepared, Shard, Stopped, run};
 use crate::spec::Spec;
