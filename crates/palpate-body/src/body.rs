@@ -225,6 +225,29 @@ impl Body {
         })
     }
 
+    /// What it is made of, as [`Body::new`] takes it: to make another body that differs in some of it.
+    pub fn parts(&self) -> BodyParts {
+        BodyParts {
+            surface: Surface {
+                positions: self.nodes.iter().map(|n| n.position).collect(),
+                inward: self.nodes.iter().map(|n| n.inward).collect(),
+                elements: self.elements.clone(),
+                vertices: self.vertices.clone(),
+                smoothed: 0,
+            },
+            mixes: self
+                .nodes
+                .iter()
+                .map(|n| NodeMix { test_points: n.test_points, weights: n.weights })
+                .collect(),
+            responses: self.curves.clone(),
+            test_point_nodes: self.test_point_nodes.clone(),
+            tool: self.tool.clone(),
+            slip: self.slip,
+            provenance: self.provenance.clone(),
+        }
+    }
+
     /// Nodes.
     pub fn nodes(&self) -> &[Node] {
         &self.nodes

@@ -4,8 +4,8 @@
 
 use glam::DVec3;
 use palpate_body::{
-    Body, BodyParts, Curve, Extension, Interpolation, NodeMix, PointErrors, Provenance, Response, SlipRule, Surface, Tool,
-    TriangleMesh,
+    Body, BodyParts, Curve, Extension, Interpolation, NodeMix, PointErrors, Provenance, Response, SlipRule,
+    Surface, Tool, TriangleMesh,
 };
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;

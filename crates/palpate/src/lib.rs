@@ -25,6 +25,7 @@ pub mod plot;
 pub mod spec;
 pub mod tables;
 pub mod trace;
+pub mod validate;
 pub mod vtu;
 
 pub use palpate_body::{Body, BodyError};
