@@ -22,6 +22,8 @@ pub mod inspect;
 pub mod law;
 pub mod path;
 pub mod plot;
+pub mod precompute;
+pub mod record;
 pub mod spec;
 pub mod tables;
 pub mod trace;
