@@ -10,7 +10,7 @@ use crate::plot::{Line, LineChart};
 use crate::trace::rollout;
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
-use palpate_body::{Body, Curve, Extension, Interpolation, SurfacePoint};
+use palpate_body::{Body, BodyParts, Curve, Extension, Interpolation, SurfacePoint};
 use palpate_engine::{Ablation, ToolPose};
 use palpate_identify::{DragRecord, PointFit, PointRecord, fit_point};
 use palpate_simulate::{Drag, Path as LoadPath, PointPaths, PointPlan};
@@ -249,6 +249,7 @@ struct Tried {
     direction: DVec3,
     depth: f64,
     distance: f64,
+    steps: u32,
     plan: PointPlan,
 }
 
@@ -338,12 +339,16 @@ impl Tried {
         let drag = |from: f64| Drag { from: nearest(from), direction, distances: along(distance).collect() };
         let drags = std::iter::once(depth).chain(trial.drag_depths_m.iter().copied()).map(drag).collect();
         let plan = PointPlan { point, inward, depths: depths.clone(), drags };
-        Tried { point, inward, direction, depth, distance, plan }
+        Tried { point, inward, direction, depth, distance, steps: trial.steps, plan }
     }
 
     /// Depths, distances and simulated forces of the path's own states.
     fn states(&self, paths: &PointPaths) -> Vec<(f64, f64, DVec3)> {
-        let press = paths.press.states.iter().filter(|s| s.depth_m <= self.depth * (1.0 + 1e-9));
+        // Not those that only the drags from the test points' depths are for.
+        let step = self.depth / f64::from(self.steps);
+        let whole = |depth: f64| (depth / step - (depth / step).round()).abs() * step < 1e-6;
+        let press = paths.press.states.iter();
+        let press = press.filter(|s| s.depth_m <= self.depth * (1.0 + 1e-9) && whole(s.depth_m));
         let mut states: Vec<_> = press.map(|s| (s.depth_m, 0.0, s.force_n)).collect();
         if let Some(drag) = paths.drags.first() {
             states.extend(drag.states.iter().map(|s| (self.depth, s.distance_m, s.force_n)));
@@ -501,8 +506,9 @@ pub fn validate(
 }
 
 /// The same body with a lateral response that is alike in all directions; none if it is so already.
-fn isotropic(_: &Body) -> Result<Option<Body>> {
-    Ok(None)
+fn isotropic(body: &Body) -> Result<Option<Body>> {
+    let alike = || Body::new(BodyParts { lateral_tensors: None, ..body.parts() });
+    Ok((!body.is_isotropic()).then(alike).transpose()?)
 }
 
 fn compare(tried: &Tried, paths: &PointPaths, body: &Body, alike: Option<&Body>) -> Option<PathResult> {
@@ -590,7 +596,7 @@ fn summary(source: Source, paths: &[PathResult]) -> SourceSummary {
 }
 
 /// The middle one of ascending numbers, or the mean of the two in the middle.
-fn median(sorted: &[f64]) -> f64 {
+pub(crate) fn median(sorted: &[f64]) -> f64 {
     match sorted.len() {
         0 => 0.0,
         n => (sorted[(n - 1) / 2] + sorted[n / 2]) / 2.0,
@@ -598,7 +604,7 @@ fn median(sorted: &[f64]) -> f64 {
 }
 
 /// The least of ascending numbers that this share of them does not exceed.
-fn percentile(sorted: &[f64], share: f64) -> f64 {
+pub(crate) fn percentile(sorted: &[f64], share: f64) -> f64 {
     let rank = (share * sorted.len() as f64).ceil() as usize;
     sorted.get(rank.clamp(1, sorted.len().max(1)) - 1).copied().unwrap_or(0.0)
 }
