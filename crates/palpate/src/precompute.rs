@@ -4,9 +4,12 @@ pub mod assemble;
 pub mod prepare;
 mod progress;
 pub mod run;
+mod stand_in;
+pub mod volume;
 mod workspace;
 
-pub use run::{Options, Prepared, Shard, Solver, Stopped, merge, run};
+pub use run::{Options, Prepared, Shard, Solver, Stopped, merge};
+pub(crate) use stand_in::HalfSpace;
 pub use workspace::Workspace;
 
 /// What a path that ended early, or a point that could not be pressed at all, is told as.

@@ -2,6 +2,7 @@
 
 use super::source::Source;
 use anyhow::Result;
+use palpate_simulate::material::POISSON_RATIO_MAX;
 use serde::Deserialize;
 use std::ops::Range;
 use toml::Spanned;
@@ -168,7 +169,7 @@ impl RawMaterial {
 }
 
 /// Poisson's ratio: elements that are nearly incompressible are solved, fully incompressible ones are not.
-const POISSON: std::ops::RangeInclusive<f64> = 0.0..=0.499;
+const POISSON: std::ops::RangeInclusive<f64> = 0.0..=POISSON_RATIO_MAX;
 /// Moduli, Pa.
 const MODULI: std::ops::RangeInclusive<f64> = 1e-3..=1e12;
 
@@ -217,7 +218,7 @@ pub fn material(source: &Source, table: &str, raw: &Spanned<RawMaterial>) -> Res
             if *nu.get_ref() > *POISSON.end() && *nu.get_ref() <= 0.5 {
                 let problem =
                     format!("poisson_ratio is {}: the material can't change its volume", nu.get_ref());
-                return Err(source.error(nu.span(), &problem, "give 0.499 at most"));
+                return Err(source.error(nu.span(), &problem, &format!("give {POISSON_RATIO_MAX} at most")));
             }
             Volume::PoissonRatio(source.within(nu, "poisson_ratio", POISSON)?)
         }
@@ -321,7 +322,7 @@ fn check_rest(
             return Err(source.error(
                 key.span(),
                 &problem,
-                "give one that means 0 to 0.499, or poisson_ratio",
+                &format!("give one that means 0 to {POISSON_RATIO_MAX}, or poisson_ratio"),
             ));
         }
     }
