@@ -15,7 +15,10 @@
 //! let Fit { mixes, responses, test_point_nodes, report } = fit(&surface, &samples, &FitOptions::default())?;
 //! println!("the points lie within {} m of their nodes", report.largest_distance_m);
 //! let (tool, slip, provenance) = (Tool::point(), SlipRule::Paper, Provenance::default());
-//! let body = Body::new(BodyParts { surface, mixes, responses, test_point_nodes, tool, slip, provenance })?;
+//! let lateral_tensors = None; // alike in all directions
+//! let body = Body::new(BodyParts {
+//!     surface, mixes, responses, test_point_nodes, lateral_tensors, tool, slip, provenance,
+//! })?;
 //! body.save("ball.body".as_ref())?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

@@ -189,11 +189,13 @@ fn nodes_between_mix_turned_tensors_and_make_a_body() {
         mixes: fit.fit.mixes,
         responses: fit.fit.responses,
         test_point_nodes: fit.fit.test_point_nodes,
+        lateral_tensors: Some(fit.lateral_tensors),
         tool: Tool::point(),
         slip: SlipRule::Paper,
         provenance: Provenance { point_errors: fit.errors.clone(), ..Default::default() },
     })
     .unwrap();
+    assert!(!body.is_isotropic());
     let again = Body::from_bytes(&body.to_bytes().unwrap()).unwrap();
     assert_eq!(again.provenance().point_errors, fit.errors);
 }

@@ -8,12 +8,24 @@
 
 #![warn(missing_docs)]
 
+mod contact;
+mod element;
+mod equilibrium;
 mod error;
+mod factor;
+mod load;
 pub mod material;
 pub mod mesh;
+mod model;
 pub mod path;
+mod simulate;
+mod stiffness;
 pub mod tool;
 
+pub use equilibrium::Counts;
 pub use error::{Result, SimulateError};
+pub use material::Material;
 pub use mesh::TetMesh;
+pub use model::{Fixed, Model};
 pub use path::{Contact, Drag, Path, PointPaths, PointPlan, State, Stop};
+pub use tool::Tool;

@@ -17,7 +17,7 @@ pub use volume::{Volume, VolumeMeasure};
 use crate::{Result, SimulateError};
 use isochoric::{FungDemiray, MooneyRivlin, NeoHookean, VerondaWestmann, Yeoh};
 use tensor::{
-    Invariants, add_curvature_of_determinant, add_identity, add_quartic, cofactor, displacement_gradient,
+    Invariants, add_cubic, add_curvature_of_determinant, add_identity, cofactor, displacement_gradient,
     green_lagrange, left, product, set_product,
 };
 
@@ -156,6 +156,7 @@ impl Moduli {
 
 impl Material {
     /// ψ_d, its stress and tangent at F. Real-time: no, but it doesn't allocate.
+    #[inline(always)]
     pub fn distortion(&self, f: &Tensor, out: &mut Density) {
         match *self {
             Material::NeoHookean { mu_pa, .. } => neo_hookean(mu_pa, f, out),
@@ -173,7 +174,7 @@ impl Material {
                 let e = green_lagrange(f);
                 (out.energy, out.stress) = saint_venant(mu_pa, f, &e);
                 out.tangent = [0.0; 81];
-                add_quartic(&mut out.tangent, f, 2.0 * mu_pa, &e, &left(f), mu_pa);
+                add_cubic(&mut out.tangent, f, (2.0 * mu_pa, &e), (mu_pa, &left(f)));
             }
             Material::Linear { mu_pa, .. } => {
                 (out.energy, out.stress) = linear(mu_pa, f);

@@ -27,6 +27,7 @@ pub mod record;
 pub mod spec;
 pub mod tables;
 pub mod trace;
+pub mod validate;
 pub mod vtu;
 
 pub use palpate_body::{Body, BodyError};

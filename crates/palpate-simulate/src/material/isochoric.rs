@@ -10,8 +10,8 @@
 use super::{
     Density, Tensor,
     tensor::{
-        Invariants, add_curvature_of_determinant, add_identity, add_quartic, add_two_products, cofactor,
-        displacement_gradient, left, product, right, set_two_products,
+        Invariants, add_cubic, add_curvature_of_determinant, add_identity, add_two_products, cofactor,
+        green_lagrange, left, product, right, set_two_products,
     },
 };
 
@@ -40,17 +40,15 @@ struct Reduced {
 }
 
 impl Reduced {
-    fn of<L: Law>(f: &Tensor, cofactor: impl Fn() -> Tensor) -> Self {
+    fn of<L: Law>(f: &Tensor) -> Self {
         let Invariants { i1, j } = Invariants::of(f);
         // J^(−2/3) − 1
         let shrink = libm::expm1(-2.0 / 3.0 * libm::log1p(j));
         let power = 1.0 + shrink;
         let second = if L::SECOND {
-            let k = displacement_gradient(&cofactor());
-            let mut i2 = 2.0 * (k[0] + k[4] + k[8]);
-            for x in k {
-                i2 += x * x;
-            }
+            // I₂ − 3 of FᵀF = 1 + 2E, whose trace is 3 + i1.
+            let norm: f64 = green_lagrange(f).iter().map(|e| e * e).sum();
+            let i2 = 2.0 * i1 + (0.5 * i1 * i1 - 2.0 * norm);
             3.0 * shrink * (2.0 + shrink) + power * power * i2
         } else {
             0.0
@@ -60,13 +58,13 @@ impl Reduced {
 }
 
 pub(super) fn energy<L: Law>(law: &L, f: &Tensor) -> f64 {
-    let reduced = Reduced::of::<L>(f, || cofactor(f));
+    let reduced = Reduced::of::<L>(f);
     law.slopes(reduced.first, reduced.second).energy
 }
 
 pub(super) fn stress<L: Law>(law: &L, f: &Tensor) -> (f64, Tensor) {
     let cof = cofactor(f);
-    let Reduced { power, volume, first, second } = Reduced::of::<L>(f, || cof);
+    let Reduced { power, volume, first, second } = Reduced::of::<L>(f);
     let slopes = law.slopes(first, second);
     let (on_f, mut on_cof) = (2.0 * power * slopes.first, -2.0 / 3.0 * (3.0 + first) / volume * slopes.first);
     let mut stress = [0.0; 9];
@@ -87,7 +85,7 @@ pub(super) fn stress<L: Law>(law: &L, f: &Tensor) -> (f64, Tensor) {
 
 pub(super) fn tangent<L: Law>(law: &L, f: &Tensor, out: &mut Density) {
     let cof = cofactor(f);
-    let Reduced { power, volume, first, second } = Reduced::of::<L>(f, || cof);
+    let Reduced { power, volume, first, second } = Reduced::of::<L>(f);
     let slopes = law.slopes(first, second);
     let inverse = 1.0 / volume;
 
@@ -124,7 +122,7 @@ pub(super) fn tangent<L: Law>(law: &L, f: &Tensor, out: &mut Density) {
             v[r] = gc * g[r];
         }
         add_two_products(&mut out.tangent, &g, &u, &cof, &v);
-        add_quartic(&mut out.tangent, f, -2.0 * q, &right, &left(f), -2.0 * q);
+        add_cubic(&mut out.tangent, f, (-2.0 * q, &right), (-2.0 * q, &left(f)));
         one += 2.0 * q * (right[0] + right[4] + right[8]);
     }
     add_curvature_of_determinant(&mut out.tangent, f, on_cof);

@@ -7,7 +7,7 @@
 
 use super::{
     Density, Tensor,
-    tensor::{green_lagrange, product},
+    tensor::{determinant, green_lagrange, product},
 };
 
 /// Principal stretches of F.
@@ -24,7 +24,9 @@ impl Principal {
     fn of(f: &Tensor) -> Self {
         // The stretches come from E, so that small ones keep their digits.
         let (strain, right) = eigen(green_lagrange(f));
-        let log = strain.map(|e| 0.5 * libm::log1p(2.0 * e));
+        // FᵀF doesn't tell a body from its mirror image.
+        let sound = if determinant(f) > 0.0 { 1.0 } else { f64::NAN };
+        let log = strain.map(|e| sound * 0.5 * libm::log1p(2.0 * e));
         let mean = (log[0] + log[1] + log[2]) / 3.0;
         Principal { stretch: strain.map(|e| (1.0 + 2.0 * e).sqrt()), log: log.map(|l| l - mean), right }
     }

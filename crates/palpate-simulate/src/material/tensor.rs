@@ -148,14 +148,12 @@ pub(super) fn add_curvature_of_determinant(tangent: &mut [f64; 81], f: &Tensor, 
     }
 }
 
-/// tangent += s (δ_ik S_JL + F_iL F_kJ + (FFᵀ)_ik δ_JL), symmetric S: what F (FᵀF) and F E differentiate to.
-pub(super) fn add_quartic(
+/// tangent += s δ_ik S_JL + t (F_iL F_kJ + B_ik δ_JL), B = FFᵀ: what F S(FᵀF) differentiates to, by entry (iJ, kL).
+pub(super) fn add_cubic(
     tangent: &mut [f64; 81],
     f: &Tensor,
-    s: f64,
-    right: &Tensor,
-    left: &Tensor,
-    t: f64,
+    (s, symmetric): (f64, &Tensor),
+    (t, left): (f64, &Tensor),
 ) {
     for i in 0..3 {
         for j in 0..3 {
@@ -166,7 +164,7 @@ pub(super) fn add_quartic(
                 tangent[9 * (3 * i + j) + 3 * k + j] += t * left[3 * i + k];
             }
             for l in 0..3 {
-                tangent[9 * (3 * i + j) + 3 * i + l] += s * right[3 * j + l];
+                tangent[9 * (3 * i + j) + 3 * i + l] += s * symmetric[3 * j + l];
             }
         }
     }

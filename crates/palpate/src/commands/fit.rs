@@ -125,6 +125,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         mixes,
         responses,
         test_point_nodes,
+        lateral_tensors: None,
         tool: spec.as_ref().map_or_else(Tool::point, |s| s.tool.clone()),
         slip: spec.as_ref().map_or(SlipRule::Paper, |s| s.slip),
         provenance,

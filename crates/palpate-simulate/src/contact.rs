@@ -1,0 +1,249 @@
+//! A rigid tool against the deformable surface.
+//!
+//! The surface is asked at six points of each face (Dunavant 1985, degree 4) how deep it lies in the tool, and pushed
+//! out by a pressure in proportion: energy ½ε⟨−φ⟩² for each unit of surface at rest, φ the signed distance from the
+//! tool. The penalty ε is 50 contact moduli over a face's size, so that the surface enters the tool by 2 % of what it
+//! is indented locally over one face, and the energy stays smooth enough for Newton's method. Sticking adds a spring
+//! of the same stiffness, along the tool's surface, between a point and the place on the tool where it was caught.
+
+use crate::material::Moduli;
+use crate::model::Model;
+use crate::stiffness::Stiffness;
+use crate::tool::Tool;
+use glam::{DMat3, DVec3};
+
+/// Penalty in contact moduli E/(1 − ν²) over the face's size.
+const PENALTY: f64 = 50.0;
+
+/// Points of a face.
+const POINTS: usize = 6;
+
+/// Area coordinates and weights of a face's points, and the six shape functions there.
+fn rule() -> [(f64, [f64; 6]); POINTS] {
+    const A: (f64, f64) = (0.445_948_490_915_965, 0.223_381_589_678_011);
+    const B: (f64, f64) = (0.091_576_213_509_771, 0.109_951_743_655_322);
+    std::array::from_fn(|q| {
+        let (near, weight) = if q < 3 { A } else { B };
+        let mut l = [near; 3];
+        l[q % 3] = 1.0 - 2.0 * near;
+        let shape = [
+            l[0] * (2.0 * l[0] - 1.0),
+            l[1] * (2.0 * l[1] - 1.0),
+            l[2] * (2.0 * l[2] - 1.0),
+            4.0 * l[0] * l[1],
+            4.0 * l[1] * l[2],
+            4.0 * l[2] * l[0],
+        ];
+        (weight, shape)
+    })
+}
+
+/// A tool's place: its tip, and which way it points.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Pose {
+    /// m.
+    pub tip: DVec3,
+    /// From the tool's frame (z along the pressing direction) to the body's.
+    pub rotation: DMat3,
+}
+
+/// Where on the tool a point of the surface was caught.
+#[derive(Debug, Clone, Copy)]
+struct Anchor {
+    /// From the tip, body's axes, m.
+    place: DVec3,
+    /// The tool's outward normal there.
+    normal: DVec3,
+}
+
+/// Force and more of a contact.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Resultant {
+    pub force_n: DVec3,
+    /// About the tip.
+    pub torque_n_m: DVec3,
+    /// Of the surface at rest.
+    pub patch_m2: f64,
+}
+
+/// A tool at a pose against the whole surface of a model.
+pub(crate) struct ToolContact<'t> {
+    tool: &'t Tool,
+    pub pose: Pose,
+    faces: Vec<Face>,
+    rule: [(f64, [f64; 6]); POINTS],
+    /// For each face's point; empty while nothing sticks.
+    anchors: Vec<[Option<Anchor>; POINTS]>,
+}
+
+struct Face {
+    /// Inner numbers.
+    nodes: [u32; 6],
+    /// At rest, m².
+    area: f64,
+    /// N/m³.
+    penalty: f64,
+    /// Of a ball around the face's middle that holds it at rest, m.
+    radius: f64,
+}
+
+/// A point of the surface that the tool pushes: its face, shape functions, share of area, and place.
+struct Touch<'a> {
+    face: &'a Face,
+    shape: &'a [f64; 6],
+    weight: f64,
+    at: DVec3,
+    /// Signed distance with gradient and Hessian, body's axes.
+    distance: f64,
+    normal: DVec3,
+    curvature: DMat3,
+    anchor: Option<Anchor>,
+}
+
+impl<'t> ToolContact<'t> {
+    pub fn new(model: &Model, tool: &'t Tool, pose: Pose) -> Self {
+        let boundary = model.boundary();
+        let faces = boundary.faces.iter().zip(&boundary.elements).map(|(face, &element)| {
+            let p = face.map(|n| model.mesh().positions[n as usize]);
+            let area = 0.5 * (p[1] - p[0]).cross(p[2] - p[0]).length();
+            let tissue = &model.tissues[model.regions[element as usize] as usize];
+            let Moduli { shear_pa: mu, bulk_pa: bulk } = tissue.material.small_strain();
+            // E/(1 − ν²)
+            let modulus = 4.0 * mu * (3.0 * bulk + mu) / (3.0 * bulk + 4.0 * mu);
+            let middle = (p[0] + p[1] + p[2]) / 3.0;
+            Face {
+                nodes: face.map(|n| model.rank[n as usize]),
+                area,
+                penalty: PENALTY * modulus / area.sqrt().max(1e-12),
+                radius: p.iter().map(|p| p.distance(middle)).fold(0.0, f64::max),
+            }
+        });
+        ToolContact { tool, pose, faces: faces.collect(), rule: rule(), anchors: Vec::new() }
+    }
+
+    fn distance(&self, at: DVec3) -> f64 {
+        self.tool.distance(self.pose.rotation.transpose() * (at - self.pose.tip)).value
+    }
+
+    /// Calls `visit` for every point of the surface that is in the tool.
+    fn each_touch(&self, model: &Model, u: &[f64], mut visit: impl FnMut(usize, usize, Touch)) {
+        let back = self.pose.rotation.transpose();
+        for (f, face) in self.faces.iter().enumerate() {
+            let place = |node: u32| {
+                let n = node as usize;
+                model.rest[n] + DVec3::new(u[3 * n], u[3 * n + 1], u[3 * n + 2])
+            };
+            let p = face.nodes.map(place);
+            let middle = (p[0] + p[1] + p[2]) / 3.0;
+            let radius = p.iter().map(|p| p.distance(middle)).fold(face.radius, f64::max);
+            if self.distance(middle) > 1.5 * radius {
+                continue;
+            }
+            for (q, (weight, shape)) in self.rule.iter().enumerate() {
+                let at: DVec3 = shape.iter().zip(&p).map(|(n, p)| *p * *n).sum();
+                let distance = self.tool.distance(back * (at - self.pose.tip));
+                if distance.value >= 0.0 {
+                    continue;
+                }
+                let touch = Touch {
+                    face,
+                    shape,
+                    weight: weight * face.area,
+                    at,
+                    distance: distance.value,
+                    normal: self.pose.rotation * distance.gradient,
+                    curvature: self.pose.rotation * distance.hessian * back,
+                    anchor: self.anchors.get(f).and_then(|a| a[q]),
+                };
+                visit(f, q, touch);
+            }
+        }
+    }
+
+    pub fn energy(&self, model: &Model, u: &[f64]) -> f64 {
+        let mut energy = 0.0;
+        self.each_touch(model, u, |_, _, touch| energy += touch.energy(self.pose.tip));
+        energy
+    }
+
+    pub fn assemble(&self, model: &Model, u: &[f64], gradient: &mut [f64], stiffness: &mut Stiffness) -> f64 {
+        let mut energy = 0.0;
+        self.each_touch(model, u, |_, _, touch| {
+            energy += touch.energy(self.pose.tip);
+            let force = touch.force(self.pose.tip);
+            let tangent = touch.tangent();
+            for (a, &i) in touch.face.nodes.iter().enumerate() {
+                let n = touch.shape[a];
+                for (g, f) in gradient[3 * i as usize..].iter_mut().zip(force.to_array()) {
+                    *g -= n * f;
+                }
+                for (b, &j) in touch.face.nodes[..=a].iter().enumerate() {
+                    let scaled = tangent * (n * touch.shape[b]);
+                    // The tangent is symmetric: rows and columns are the same.
+                    stiffness.add_block(&model.pattern, i, j, &scaled.to_cols_array());
+                }
+            }
+        });
+        energy
+    }
+
+    pub fn resultant(&self, model: &Model, u: &[f64]) -> Resultant {
+        let mut sum = Resultant::default();
+        self.each_touch(model, u, |_, _, touch| {
+            let force = touch.force(self.pose.tip);
+            sum.force_n += force;
+            sum.torque_n_m += (touch.at - self.pose.tip).cross(force);
+            sum.patch_m2 += touch.weight;
+        });
+        sum
+    }
+
+    /// Nothing sticks any more.
+    pub fn release(&mut self) {
+        self.anchors.clear();
+    }
+
+    /// What touches now sticks where it touches; what sticks already stays; what has left is free again. Returns
+    /// whether a point that had been stretched along the tool was let go: the equilibrium is then another.
+    pub fn catch(&mut self, model: &Model, u: &[f64]) -> bool {
+        let mut anchors = vec![[None; POINTS]; self.faces.len()];
+        self.each_touch(model, u, |f, q, touch| {
+            let fresh = Anchor { place: touch.at - self.pose.tip, normal: touch.normal };
+            anchors[f][q] = Some(touch.anchor.unwrap_or(fresh));
+        });
+        let let_go = self.anchors.iter().zip(&anchors).any(|(old, new)| {
+            old.iter().zip(new).any(|(old, new)| old.is_some() && new.is_none())
+        });
+        self.anchors = anchors;
+        let_go
+    }
+}
+
+impl Touch<'_> {
+    /// From the anchor, along the tool's surface, m.
+    fn stretch(&self, tip: DVec3) -> DVec3 {
+        self.anchor.map_or(DVec3::ZERO, |anchor| {
+            let moved = self.at - tip - anchor.place;
+            moved - anchor.normal * moved.dot(anchor.normal)
+        })
+    }
+
+    fn energy(&self, tip: DVec3) -> f64 {
+        let squares = self.distance * self.distance + self.stretch(tip).length_squared();
+        0.5 * self.weight * self.face.penalty * squares
+    }
+
+    /// On the body.
+    fn force(&self, tip: DVec3) -> DVec3 {
+        (self.normal * -self.distance - self.stretch(tip)) * (self.weight * self.face.penalty)
+    }
+
+    fn tangent(&self) -> DMat3 {
+        let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
+        let mut tangent = outer(self.normal) + self.curvature * self.distance;
+        if let Some(anchor) = self.anchor {
+            tangent += DMat3::IDENTITY - outer(anchor.normal);
+        }
+        tangent * (self.weight * self.face.penalty)
+    }
+}

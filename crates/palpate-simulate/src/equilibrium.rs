@@ -1,0 +1,307 @@
+//! Equilibrium: the least of the energy, by Newton's method with what it costs kept small.
+//!
+//! Each Newton step is solved by conjugate gradients, preconditioned with a Cholesky factor that is kept as long as it
+//! serves: at first that of the body at rest, which all paths share; when the iterations that it wasted would have
+//! paid for a factorisation, that of the state at hand. A direction in which the energy curves downwards ends the
+//! iterations and is followed (Steihaug 1983; Nash 1984), so that a tangent that is indefinite, as at the edge of a
+//! bonded patch, needs no shift; and every step goes down in energy, so that an element is never turned inside out.
+
+use crate::factor::Factor;
+use crate::load::Load;
+use crate::model::Model;
+use crate::stiffness::Stiffness;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Residual forces (their 2-norm over all free unknowns) are below this share of the reaction.
+const TOLERANCE: f64 = 5e-7;
+
+/// Newton steps for one equilibrium; beyond, the load step is cut.
+const MAX_NEWTON: u32 = 60;
+
+/// Halvings of a Newton step.
+const MAX_HALVINGS: u32 = 30;
+
+/// Conjugate-gradient iterations that a fresh factor needs: they are not counted as wasted.
+const FRESH: f64 = 4.0;
+
+/// Iterations of one solve, whatever the factor.
+const MAX_CONJUGATE: u32 = 200;
+
+/// Sufficient decrease (Armijo).
+const DECREASE: f64 = 1e-4;
+
+/// Relative rounding of an energy: differences below it say nothing.
+const ROUNDING: f64 = 1e-11;
+
+/// Why no equilibrium was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Failure {
+    Cancelled,
+    /// Too many Newton steps.
+    Slow,
+    /// No step along the direction lowers the energy.
+    Stuck,
+    /// The guess itself turns an element inside out.
+    Inverted,
+}
+
+impl Failure {
+    pub fn words(self) -> &'static str {
+        match self {
+            Failure::Cancelled => "it was interrupted",
+            Failure::Slow => "the equilibrium was not found in 60 Newton steps, however small the load step",
+            Failure::Stuck => "no step lowers the energy any more: the surface folds or buckles here",
+            Failure::Inverted => "elements would be turned inside out, however small the load step",
+        }
+    }
+}
+
+/// The state of one path and the memory that its solves need.
+pub(crate) struct Solver<'m> {
+    pub model: &'m Model,
+    /// Unknowns that the load or a support holds.
+    pub held: Vec<bool>,
+    /// Displacements, m.
+    pub u: Vec<f64>,
+    /// ∂(energy + load)/∂u at `u`, N.
+    pub gradient: Vec<f64>,
+    stiffness: Stiffness,
+    own: Option<Factor>,
+    /// Iterations spent beyond what a fresh factor would have taken, since the last factorisation.
+    wasted: f64,
+    pub counts: Counts,
+    trial: Vec<f64>,
+    single: Vec<f32>,
+    scratch: Vec<f32>,
+}
+
+/// What the solves took.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// Newton steps.
+    pub newton: u32,
+    /// Conjugate-gradient iterations.
+    pub conjugate: u32,
+    /// Numerical factorisations.
+    pub factorisations: u32,
+    /// Assemblies of the stiffness.
+    pub assemblies: u32,
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+impl<'m> Solver<'m> {
+    pub fn new(model: &'m Model, held: Vec<bool>) -> Self {
+        let n = held.len();
+        Solver {
+            model,
+            held,
+            u: vec![0.0; n],
+            gradient: vec![0.0; n],
+            stiffness: Stiffness::default(),
+            own: None,
+            wasted: 0.0,
+            counts: Counts::default(),
+            trial: vec![0.0; n],
+            single: vec![0.0; n],
+            scratch: Vec::new(),
+        }
+    }
+
+    /// Factors the stiffness at rest with this path's own held unknowns: worth it where a patch is held.
+    pub fn factor_at_rest(&mut self) {
+        self.stiffness.blocks.clone_from(&self.model.rest_stiffness.blocks);
+        self.refactor();
+    }
+
+    /// Energy, gradient and stiffness of body and load at `u`.
+    fn assemble(&mut self, load: &Load) -> f64 {
+        self.counts.assemblies += 1;
+        let mut energy = self.model.assemble(&self.u, &mut self.gradient, &mut self.stiffness);
+        if energy.is_finite() {
+            energy += load.assemble(self.model, &self.u, &mut self.gradient, &mut self.stiffness);
+        }
+        energy
+    }
+
+    fn refactor(&mut self) {
+        let model = self.model;
+        self.counts.factorisations += 1;
+        // An indefinite stiffness has no factor: the old one goes on serving.
+        if let Ok(factor) = model.symbolic.factor(&model.pattern, &self.stiffness, &self.held) {
+            self.own = Some(factor);
+        }
+        self.wasted = 0.0;
+    }
+
+    /// z = M⁻¹ r, zero in held unknowns.
+    fn precondition(&mut self, r: &[f64], z: &mut [f64]) {
+        // Scaled, lest small forces vanish in single precision.
+        let scale = r.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+        if scale == 0.0 {
+            z.fill(0.0);
+            return;
+        }
+        for (single, r) in self.single.iter_mut().zip(r) {
+            *single = (r / scale) as f32;
+        }
+        let factor = self.own.as_ref().unwrap_or(&self.model.rest_factor);
+        self.model.symbolic.solve(factor, &mut self.single, &mut self.scratch);
+        for ((z, single), held) in z.iter_mut().zip(&self.single).zip(&self.held) {
+            *z = if *held { 0.0 } else { f64::from(*single) * scale };
+        }
+    }
+
+    /// Free part's 2-norm.
+    fn free_norm(&self, v: &[f64]) -> f64 {
+        v.iter().zip(&self.held).filter(|(_, held)| !**held).map(|(v, _)| v * v).sum::<f64>().sqrt()
+    }
+
+    /// Solves K d = −b in the free unknowns to a residual of `tolerance` (N), or follows negative curvature.
+    fn direction(&mut self, b: &[f64], tolerance: f64) -> Vec<f64> {
+        let n = b.len();
+        let mut r: Vec<f64> =
+            b.iter().zip(&self.held).map(|(b, held)| if *held { 0.0 } else { -b }).collect();
+        let (mut d, mut z, mut kp) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
+        self.precondition(&r, &mut z);
+        let mut p = z.clone();
+        let mut rz = dot(&r, &z);
+        let mut iterations = 0;
+        while iterations < MAX_CONJUGATE {
+            iterations += 1;
+            self.stiffness.multiply(&self.model.pattern, &p, &mut kp);
+            for (k, held) in kp.iter_mut().zip(&self.held) {
+                if *held {
+                    *k = 0.0;
+                }
+            }
+            let curvature = dot(&p, &kp);
+            if curvature <= 0.0 {
+                if iterations == 1 {
+                    d.copy_from_slice(&p);
+                }
+                break;
+            }
+            let step = rz / curvature;
+            for ((d, r), (p, kp)) in d.iter_mut().zip(&mut r).zip(p.iter().zip(&kp)) {
+                *d += step * p;
+                *r -= step * kp;
+            }
+            if dot(&r, &r).sqrt() <= tolerance {
+                break;
+            }
+            self.precondition(&r, &mut z);
+            let next = dot(&r, &z);
+            // z·r of two residuals would vanish but for the single precision of the factor: the plain formula does.
+            let beta = next / rz;
+            rz = next;
+            if !(rz > 0.0 && beta.is_finite()) {
+                break;
+            }
+            for (p, z) in p.iter_mut().zip(&z) {
+                *p = z + beta * *p;
+            }
+        }
+        self.counts.conjugate += iterations;
+        self.wasted += (f64::from(iterations) - FRESH).max(0.0);
+        d
+    }
+
+    /// Moves held unknowns by `increments` (unknown, m) and the free ones along, to first order.
+    pub fn follow(&mut self, load: &Load, increments: &[(usize, f64)]) {
+        let mut moved = vec![0.0; self.u.len()];
+        for &(unknown, increment) in increments {
+            moved[unknown] = increment;
+        }
+        self.assemble(load);
+        let mut forces = vec![0.0; moved.len()];
+        self.stiffness.multiply(&self.model.pattern, &moved, &mut forces);
+        let tolerance = 1e-2 * self.free_norm(&forces);
+        let d = self.direction(&forces, tolerance);
+        for ((u, moved), d) in self.u.iter_mut().zip(&moved).zip(&d) {
+            *u += moved + d;
+        }
+    }
+
+    /// Brings the free unknowns to equilibrium under `load`, from where they are.
+    pub fn equilibrate(&mut self, load: &Load, cancelled: &AtomicBool) -> Result<u32, Failure> {
+        let mut energy = self.assemble(load);
+        if !energy.is_finite() {
+            return Err(Failure::Inverted);
+        }
+        let mut last_norm = f64::INFINITY;
+        for iteration in 0..MAX_NEWTON {
+            if cancelled.load(Ordering::Relaxed) {
+                return Err(Failure::Cancelled);
+            }
+            let norm = self.free_norm(&self.gradient);
+            let target = TOLERANCE * load.reaction(self.model, &self.u, &self.gradient).max(self.model.least_force_n);
+            if norm <= target {
+                return Ok(iteration);
+            }
+            if self.wasted > self.model.symbolic.factor_in_solves {
+                self.refactor();
+            }
+            self.counts.newton += 1;
+            // Solved no better than the linear model is good (Eisenstat & Walker 1996, choice 2).
+            let forcing = (0.9 * (norm / last_norm).powi(2)).clamp(1e-4, 0.1);
+            let tolerance = (forcing * norm).max(0.5 * target);
+            last_norm = norm;
+            let gradient = std::mem::take(&mut self.gradient);
+            let d = self.direction(&gradient, tolerance);
+            let slope = dot(&gradient, &d);
+            self.gradient = gradient;
+            if !(slope < 0.0) {
+                return Err(Failure::Stuck);
+            }
+            energy = self.search(load, energy, slope, &d)?;
+        }
+        Err(Failure::Slow)
+    }
+
+    /// Goes along `d` as far as the energy falls; returns the new energy, with all assembled there.
+    fn search(&mut self, load: &Load, energy: f64, slope: f64, d: &[f64]) -> Result<f64, Failure> {
+        let start = std::mem::take(&mut self.trial);
+        let mut start = start;
+        start.copy_from_slice(&self.u);
+        let set = |u: &mut [f64], scale: f64| {
+            for ((u, s), d) in u.iter_mut().zip(&start).zip(d) {
+                *u = s + scale * d;
+            }
+        };
+        // The full step is nearly always right: assembled at once.
+        set(&mut self.u, 1.0);
+        let full = self.assemble(load);
+        let noise = ROUNDING * energy.abs();
+        let end_slope = dot(&self.gradient, d);
+        let settled = full <= energy + noise && end_slope.abs() <= (1.0 - 2.0 * DECREASE) * slope.abs();
+        if full.is_finite() && (full <= energy + DECREASE * slope || settled) {
+            self.trial = start;
+            return Ok(full);
+        }
+        let (mut scale, mut last) = (1.0, full);
+        for _ in 0..MAX_HALVINGS {
+            // The parabola's least point, kept between a tenth and a half.
+            let shrink = if last.is_finite() {
+                (-0.5 * slope * scale / (last - energy - slope * scale)).clamp(0.1, 0.5)
+            } else {
+                0.5
+            };
+            scale *= shrink;
+            set(&mut self.u, scale);
+            last = self.model.energy(&self.u);
+            if last.is_finite() {
+                last += load.energy(self.model, &self.u);
+            }
+            if last <= energy + DECREASE * scale * slope || (scale * -slope <= noise && last <= energy + noise) {
+                self.trial = start;
+                return Ok(self.assemble(load));
+            }
+        }
+        self.u.copy_from_slice(&start);
+        self.trial = start;
+        Err(Failure::Stuck)
+    }
+}
