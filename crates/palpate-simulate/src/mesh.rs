@@ -1,5 +1,8 @@
 //! Tetrahedra with ten nodes, in which all is computed.
 
+pub mod check;
+pub mod import;
+
 use glam::DVec3;
 use std::collections::{BTreeMap, HashMap};
 
