@@ -5,6 +5,7 @@
 //! without allocation, without panics.
 
 use crate::body::Body;
+use crate::surface::TriangleMesh;
 use glam::DVec3;
 
 const FANOUT: usize = 8;
@@ -212,6 +213,86 @@ impl Search {
                 len += 1;
             }
         }
+    }
+}
+
+/// Nearest points of a bare triangle mesh, with nothing promised of it.
+#[derive(Debug, Clone)]
+pub struct MeshSearch {
+    search: Search,
+    /// Along the tree's curve: what is near in space is near in memory.
+    corners: Vec<[DVec3; 3]>,
+    /// Around each of these triangles: most need no closer look.
+    boxes: Vec<Box3>,
+    /// The mesh's number of each of these triangles.
+    triangles: Vec<u32>,
+}
+
+impl MeshSearch {
+    /// Builds the tree.
+    ///
+    /// # Panics
+    /// On a triangle that names a vertex that is not there.
+    pub fn new(mesh: &TriangleMesh) -> Self {
+        let mut search = Search::build(&mesh.positions, &mesh.triangles);
+        let triangles = std::mem::take(&mut search.order);
+        let corners: Vec<_> = triangles
+            .iter()
+            .map(|&t| mesh.triangles[t as usize].map(|v| mesh.positions[v as usize]))
+            .collect();
+        search.order = (0..corners.len() as u32).collect();
+        let boxes = corners.iter().map(|c: &[DVec3; 3]| {
+            let mut b = Box3::EMPTY;
+            c.iter().for_each(|p| b.include(*p));
+            b
+        });
+        MeshSearch { search, boxes: boxes.collect(), corners, triangles }
+    }
+
+    /// The mesh's point nearest to `p`, if one is within `max_distance` (m), the triangle's number as its element;
+    /// and the point itself, m.
+    pub fn nearest(&self, p: DVec3, max_distance: f64) -> Option<(SurfacePoint, DVec3)> {
+        let mut best: Option<(u32, [f64; 3], DVec3)> = None;
+        self.search.walk(
+            max_distance * max_distance,
+            |b| b.distance_squared(p),
+            |slot, bound| {
+                let i = slot as usize;
+                let (Some(b), Some(corners)) = (self.boxes.get(i), self.corners.get(i)) else { return bound };
+                if b.distance_squared(p) > bound {
+                    return bound;
+                }
+                let n = nearest_on_triangle(p, *corners);
+                let q = point(*corners, n);
+                let d = (q - p).length_squared();
+                if d < bound || (best.is_none() && d <= bound) {
+                    best = Some((slot, n, q));
+                    return d;
+                }
+                bound
+            },
+        );
+        let (slot, n, q) = best?;
+        Some((SurfacePoint { element: *self.triangles.get(slot as usize)?, n }, q))
+    }
+
+    /// How often a closed mesh winds around `p`: 0 outside, 1 inside, 2 where it overlaps itself. Counted along the
+    /// segment from `p` by `way`, which must end outside.
+    ///
+    /// Edges and vertices on the segment count once: neighbours agree to the bit (Woop, Benthin and Wald 2013).
+    pub fn winding(&self, p: DVec3, way: DVec3) -> i32 {
+        let segment = Segment { middle: p + way * 0.5, half: way * 0.5 };
+        let ray = Ray::new(p, way);
+        let mut winding = 0;
+        self.search.walk(
+            1.0,
+            |b| if b.meets(&segment, 0.0) { 0.0 } else { f64::INFINITY },
+            |slot, bound| {
+                winding += self.corners.get(slot as usize).map_or(0, |corners| ray.crossing(*corners));
+                bound
+            },
+        );
+        winding
     }
 }
 
@@ -423,12 +504,9 @@ impl Ray {
         Ray { from, axes: [x, y, z], shear, along }
     }
 
-    /// Fraction and area coordinates where the segment enters through the triangle's outer side.
-    fn touch(&self, from: DVec3, corners: [DVec3; 3]) -> Option<(f64, [f64; 3])> {
-        if self.along == 0.0 {
-            return None;
-        }
-        let [a, b, c] = corners.map(|p| {
+    /// Corners in the ray's frame, in which it runs from the origin along z.
+    fn sheared(&self, corners: [DVec3; 3]) -> [[f64; 3]; 3] {
+        corners.map(|p| {
             let p = p - self.from;
             let pick = |i: usize| match i {
                 0 => p.x,
@@ -437,7 +515,38 @@ impl Ray {
             };
             let [x, y, z] = self.axes.map(pick);
             [x - self.shear[0] * z, y - self.shear[1] * z, z]
-        });
+        })
+    }
+
+    /// 1 where the ray leaves through the triangle, −1 where it enters, ahead of its start; else 0.
+    fn crossing(&self, corners: [DVec3; 3]) -> i32 {
+        let [a, b, c] = self.sheared(corners);
+        // On which side of the edge the ray passes; on the edge itself, the side that its direction says: opposite
+        // ones for its two triangles.
+        let side = |p: [f64; 3], q: [f64; 3]| {
+            let area = p[0] * q[1] - p[1] * q[0];
+            let ahead = if p[1] == q[1] { q[0] > p[0] } else { q[1] > p[1] };
+            (area, area > 0.0 || (area == 0.0 && ahead))
+        };
+        let ((u, left_u), (v, left_v), (w, left_w)) = (side(c, b), side(a, c), side(b, a));
+        let sum = u + v + w;
+        if left_u != left_v || left_v != left_w || sum == 0.0 {
+            return 0;
+        }
+        let fraction = (u * a[2] + v * b[2] + w * c[2]) / sum / self.along;
+        match fraction > 0.0 {
+            true if left_u => -1,
+            true => 1,
+            false => 0,
+        }
+    }
+
+    /// Fraction and area coordinates where the segment enters through the triangle's outer side.
+    fn touch(&self, from: DVec3, corners: [DVec3; 3]) -> Option<(f64, [f64; 3])> {
+        if self.along == 0.0 {
+            return None;
+        }
+        let [a, b, c] = self.sheared(corners);
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];
