@@ -1,8 +1,7 @@
 //! Tetrahedra with ten nodes, in which all is computed.
 
-pub mod check;
-pub mod distance;
 pub mod import;
+pub mod distance;
 mod octree;
 pub mod shape;
 pub mod stuffing;
