@@ -1,7 +1,8 @@
 //! Tetrahedra with ten nodes, in which all is computed.
 
-pub mod import;
+pub mod check;
 pub mod distance;
+pub mod import;
 mod octree;
 pub mod shape;
 pub mod stuffing;

@@ -1,15 +1,14 @@
 //! From a spec to a body by simulation: what is prepared, the run itself, and the body that its record makes.
 
 pub mod assemble;
+pub mod elements;
 pub mod prepare;
 mod progress;
 pub mod run;
-mod stand_in;
 pub mod volume;
 mod workspace;
 
 pub use run::{Options, Prepared, Shard, Solver, Stopped, merge};
-pub(crate) use stand_in::HalfSpace;
 pub use workspace::Workspace;
 
 /// What a path that ended early, or a point that could not be pressed at all, is told as.

@@ -1,10 +1,9 @@
 //! `palpate precompute`.
 
 use super::Failure;
-use crate::precompute::HalfSpace;
 use crate::precompute::assemble::{self, Report};
+use crate::precompute::elements::Elements;
 use crate::precompute::prepare::{inputs_of, plan, prepare};
-use crate::precompute::volume::tool_radius;
 use crate::precompute::{Options, Prepared, Shard, Stopped, run};
 use crate::spec::Spec;
 use crate::{console, files};
@@ -73,15 +72,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         shard: args.shard,
     };
     let ready = || {
-        let Prepared { scene, points, solver: _ } = prepare(&spec, &simulation, &args.spec)?;
+        let Prepared { scene, points, solver: physics } = prepare(&spec, &simulation, &args.spec)?;
         scene.notes.iter().for_each(|note| console::note(note));
+        let solver = Elements::new(physics, &simulation, &args.spec)?;
         let paths: usize = points.iter().map(|p| 1 + p.plan.drags.len()).sum();
         console::note(&format!("{} test points, {paths} paths, {} at a time", points.len(), options.jobs));
-        let solver = HalfSpace {
-            shear_modulus_pa: simulation.material.shear_modulus_pa(),
-            radius_m: tool_radius(&simulation)?,
-            nodes: scene.boundary_m.len(),
-        };
         Ok(Prepared { scene, points, solver })
     };
     let (whole, workspace) = match run::run(&plan, &options, ready, &CANCELLED) {

@@ -13,6 +13,7 @@ use glam::DVec3;
 use palpate_body::Surface;
 use palpate_identify::{Amount, test_points};
 use palpate_simulate::material::{self, Bulk};
+use palpate_simulate::mesh::check::check;
 use palpate_simulate::{Drag, PointPlan, TetMesh};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -79,6 +80,10 @@ pub fn prepare(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Prep
         volume::source(spec, simulation, path)?;
     let surface = assemble::surface(spec, &triangles).map_err(in_spec)?;
     let boundary = mesh.boundary();
+    let name = match &spec.geometry {
+        Some(Geometry::Mesh(file)) => file.as_path(),
+        _ => path,
+    };
 
     let mut fixed: BTreeMap<u32, [bool; 3]> = BTreeMap::new();
     let mut held = vec![false; surface.positions().len()];
@@ -106,7 +111,10 @@ pub fn prepare(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Prep
         }
     }
 
+    let holds: Vec<bool> = (0..mesh.positions.len() as u32).map(|n| fixed.contains_key(&n)).collect();
     let (mesh, materials) = regions(simulation, mesh)?;
+    let named = |e: palpate_simulate::SimulateError| anyhow!("{}: {e}", name.display());
+    notes.extend(check(&mesh, &holds).map_err(named)?);
     let nodes = choose(simulation, &surface, &held, path, &mut notes)?;
     let points = nodes.into_iter().map(|node| TestPoint {
         node,

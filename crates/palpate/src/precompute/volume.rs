@@ -2,7 +2,6 @@
 //! mesh's boundary.
 
 use super::prepare::layers;
-use super::stand_in::{FillOptions, Imported, fill, fill_shape, read_any};
 use crate::spec::{Contact, Geometry, Simulation, Spec, ToolShape};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
@@ -12,6 +11,9 @@ use palpate_body::repair::{self, Options};
 use palpate_body::shape::Shape;
 use palpate_simulate::TetMesh;
 use palpate_simulate::mesh::Boundary;
+use palpate_simulate::mesh::import::{Imported, read_any};
+use palpate_simulate::mesh::shape::fill as fill_shape;
+use palpate_simulate::mesh::stuffing::{FillOptions, FillReport, fill};
 use std::path::Path;
 
 /// What a body is touched on and solved in.
@@ -34,7 +36,7 @@ pub struct Source {
 /// A mesh that can't be read, mended or filled.
 pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Source> {
     let mut notes = Vec::new();
-    let (triangles, mesh, size) = match &spec.geometry {
+    let (triangles, (mesh, report), size) = match &spec.geometry {
         None => bail!("{}: [body] names neither mesh nor shape; add one", path.display()),
         Some(Geometry::Shape(shape, resolution)) => {
             let triangles = shape.mesh(*resolution).map_err(|e| e.in_file(path))?;
@@ -46,8 +48,8 @@ pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Sourc
                 _ => 0.0,
             };
             options.planes_z_m = layers(simulation, -half_height, half_height);
-            let mesh = fill_shape(shape, &options).map_err(|e| anyhow!("{}: {e}", path.display()))?;
-            (triangles, mesh, options.surface_edge_m)
+            let filled = fill_shape(shape, &options).map_err(|e| anyhow!("{}: {e}", path.display()))?;
+            (triangles, filled, options.surface_edge_m)
         }
         Some(Geometry::Mesh(file)) => {
             let unit = spec.unit.ok_or_else(|| {
@@ -65,17 +67,19 @@ pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Sourc
                     let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned();
                     notes.extend(report.notes.iter().map(|note| format!("{name}: {note}")));
                     let options = options(simulation, &triangles, path, &mut notes)?;
-                    let mesh = fill(&triangles, &options).map_err(|e| anyhow!("{}: {e}", file.display()))?;
-                    (triangles, mesh, options.surface_edge_m)
+                    let filled =
+                        fill(&triangles, &options).map_err(|e| anyhow!("{}: {e}", file.display()))?;
+                    (triangles, filled, options.surface_edge_m)
                 }
             }
         }
     };
+    let FillReport { nodes, elements, surface_edge_m, least_angle_deg, largest_angle_deg, .. } = report;
     notes.push(format!(
-        "{} elements and {} nodes, {:.3} mm long at the surface",
-        mesh.elements.len(),
-        mesh.positions.len(),
-        size * 1e3
+        "{elements} elements and {nodes} nodes, {:.2} mm long at the surface, angles {least_angle_deg:.0}° to \
+         {largest_angle_deg:.0}°, volume {:+.2} %",
+        surface_edge_m * 1e3,
+        100.0 * (report.volume_m3 / report.surface_volume_m3 - 1.0)
     ));
     // A mesh that was cut from a lattice has its nodes on the surface as far as its elements allow.
     Ok(Source { triangles, mesh, tolerance_m: 0.05 * size, of_surface: true, notes })
