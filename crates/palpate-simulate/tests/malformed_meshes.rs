@@ -175,7 +175,7 @@ fn gmsh_2_text() {
                 0,
                 b"\n3 4 2 7 1 1 4",
                 b"\n3 11 2 7 1 1 4 2 3 6 7 8 9 ",
-                &["tetrahedra with 4 nodes and with 10 are mixed", "gmsh -order 2"],
+                &["tetrahedra with 4 nodes and with 10 are mixed", "Gmsh: SetOrder 2"],
             ),
             (0, b"$EndElements", b"$EndNodes", &["`$EndNodes` where `$EndElements` is expected", "export"]),
             (

@@ -112,7 +112,7 @@ fn curved_elements_are_judged_by_their_jacobian() {
     };
     assert_eq!(checked(&bent(0.1)), Ok(vec![]));
     assert_eq!(checked(&bent(-0.2)), Ok(vec![]));
-    refused(&bent(-0.45), &["(from 0) at (", "curved so much that it folds", "gmsh -order 1"]);
+    refused(&bent(-0.45), &["(from 0) at (", "curved so much that it folds", "Gmsh: SetOrder 1"]);
     let mut other_order = bar(1, 0.0);
     for element in &mut other_order.elements {
         element.swap(8, 9);

@@ -224,14 +224,14 @@ fn is_sound_where_curved(mesh: &TetMesh, e: usize) -> Result<()> {
     let order: [Option<usize>; 6] = std::array::from_fn(nearest);
     if order != std::array::from_fn(Some) && (0..6).all(|i| order.contains(&Some(i))) {
         let problem = "its nodes on edges stand in another order: each lies nearest to another's edge";
-        let mend = "save the mesh with the program that made it, or as linear (gmsh -order 1)";
+        let mend = "save the mesh with the program that made it, or as linear (Gmsh: SetOrder 1)";
         return Err(SimulateError::invalid(named(mesh, e), problem, mend));
     }
     let problem = format!(
         "it is curved so much that it folds (Jacobian {:.3} of the straight element's)",
         least / rest
     );
-    let mend = "mesh it finer, optimise it (gmsh -optimize_ho), or make it linear (gmsh -order 1)";
+    let mend = "mesh it finer, optimise it (gmsh -optimize_ho), or make it linear (Gmsh: SetOrder 1)";
     Err(SimulateError::invalid(named(mesh, e), problem, mend))
 }
 

@@ -76,7 +76,7 @@ impl Content {
             return Err(SimulateError::invalid(
                 place(),
                 problem,
-                "mesh all of it with one order (gmsh -order 2)",
+                "mesh all of it with one order (Gmsh: SetOrder 2)",
             ));
         }
         self.regions.push(region);
@@ -285,7 +285,7 @@ fn turn_back(positions: &[DVec3], elements: &mut [[u32; 10]]) -> Result<()> {
         return Err(SimulateError::invalid(
             format!("element {e} (from 0) at ({:.3}, {:.3}, {:.3}) mm", p.x, p.y, p.z),
             format!("it is turned inside out, as are {inside_out} of {}", elements.len()),
-            "mesh it again, or make it linear (gmsh -order 1)",
+            "mesh it again, or make it linear (Gmsh: SetOrder 1)",
         ));
     }
     Ok(())

@@ -478,7 +478,7 @@ impl File<'_> {
                 Err(SimulateError::invalid(
                     place.to_string(),
                     problem,
-                    "mesh it with order 1 or 2 (gmsh -order 2)",
+                    "mesh it with order 1 or 2 (Gmsh: SetOrder 2)",
                 ))
             }
         }
