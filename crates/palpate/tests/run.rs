@@ -466,6 +466,7 @@ fn a_killed_run_goes_on() {
         assert!(kills < 500);
     }
     assert!(kills >= 3, "{kills}");
+    assert!(!options.partial.exists(), "nothing half-written is in the way");
     assert!(fs::read(&options.record).unwrap() == expected.0);
     let record = Record::open(&options.record).unwrap();
     assert!(assemble::body(&record).unwrap().body.to_bytes().unwrap() == expected.1);

@@ -62,8 +62,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let plan = plan(&spec, &simulation, &args.spec)?;
 
     static CANCELLED: AtomicBool = AtomicBool::new(false);
-    ctrlc::set_handler(|| CANCELLED.store(true, Ordering::Relaxed))
-        .map_err(|e| anyhow!("signals can't be handled ({e})"))?;
+    let stop = || {
+        // Whoever asks twice won't wait; points are renamed into place, so nothing is left half.
+        if CANCELLED.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    };
+    ctrlc::set_handler(stop).map_err(|e| anyhow!("signals can't be handled ({e})"))?;
     let options = Options {
         record: record.clone(),
         partial: beside(&args.output, ".partial"),

@@ -36,6 +36,7 @@ impl Workspace {
             _ => {}
         }
         let workspace = Workspace { _lock: lock(folder)?, folder: folder.clone() };
+        workspace.sweep();
         if workspace.records()?.is_empty() {
             // Nothing can be lost.
             workspace.write_plan(plan)?;
@@ -61,6 +62,14 @@ impl Workspace {
             );
         }
         Ok(workspace)
+    }
+
+    /// Removes what a killed run was just writing.
+    fn sweep(&self) {
+        let entries = std::fs::read_dir(&self.folder).into_iter().flatten().flatten();
+        for entry in entries.filter(|e| e.file_name().to_string_lossy().starts_with(".tmp")) {
+            let _ = std::fs::remove_file(entry.path());
+        }
     }
 
     fn write_plan(&self, plan: &Plan) -> Result<()> {
