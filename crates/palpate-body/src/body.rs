@@ -7,6 +7,7 @@ use crate::search::{Search, point};
 use crate::surface::{
     Element, MAX_ELEMENTS, NO_TWIN, Surface, check_area, check_fans, check_normals, check_position,
 };
+use crate::tensor::{self, IDENTITY, Tensor};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -74,6 +75,25 @@ impl Tool {
     }
 }
 
+/// How far a test point's responses are from the load paths they were made from: largest differences.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct PointErrors {
+    /// Of the paths, N.
+    pub largest_force_n: f64,
+    /// How deep the tool was pressed in, m.
+    pub depth_reached_m: f64,
+    /// Of the normal force while pressing, N.
+    pub normal_n: f64,
+    /// Of the normal force while dragging, N: responses know it by the depth only.
+    pub normal_dragged_n: f64,
+    /// Lateral force while pressing, N, of which responses know nothing.
+    pub lateral_pressed_n: f64,
+    /// Of the lateral force while dragging, N, with its direction.
+    pub lateral_n: f64,
+    /// The same with a response that is alike in all directions, N.
+    pub lateral_isotropic_n: f64,
+}
+
 /// Where a body came from.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
@@ -88,6 +108,9 @@ pub struct Provenance {
     pub inputs: BTreeMap<String, String>,
     /// What was repaired or assumed on the way.
     pub notes: Vec<String>,
+    /// One for each test point, where responses come from simulated load paths.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub point_errors: Vec<PointErrors>,
 }
 
 /// What a body is made of.
@@ -101,6 +124,9 @@ pub struct BodyParts {
     pub responses: Vec<Response>,
     /// The node each test point sits on.
     pub test_point_nodes: Vec<u32>,
+    /// One for each node, as [`tensor::from_stiffness`] makes them; `None` where the lateral response is alike in all
+    /// directions.
+    pub lateral_tensors: Option<Vec<Tensor>>,
     /// The tool the responses hold for.
     pub tool: Tool,
     /// The slip rule.
@@ -120,6 +146,8 @@ pub struct Body {
     pub(crate) creased: bool,
     pub(crate) curves: Vec<Response>,
     pub(crate) test_point_nodes: Vec<u32>,
+    /// (nodes), or empty where all are the identity.
+    pub(crate) lateral_tensors: Vec<Tensor>,
     pub(crate) tool: Tool,
     pub(crate) slip: SlipRule,
     pub(crate) provenance: Provenance,
@@ -131,7 +159,16 @@ impl Body {
     /// # Errors
     /// Anything that [`Node`], [`Element`] or [`Response`] promise and a part does not keep; the place names it.
     pub fn new(parts: BodyParts) -> Result<Self> {
-        let BodyParts { surface, mixes, responses, test_point_nodes, tool, slip, provenance } = parts;
+        let BodyParts {
+            surface,
+            mixes,
+            responses,
+            test_point_nodes,
+            lateral_tensors,
+            tool,
+            slip,
+            provenance,
+        } = parts;
         check_surface(&surface)?;
         let bad = |place: String, problem: String, mend: &str| Err(BodyError::invalid(place, problem, mend));
         if mixes.len() != surface.positions.len() {
@@ -169,6 +206,7 @@ impl Body {
                 "make the body again",
             );
         }
+        let lateral_tensors = checked_tensors(lateral_tensors, &surface.inward)?;
         if !(tool.radius_m >= 0.0 && tool.radius_m <= 1.0) {
             return bad(
                 "tool".into(),
@@ -197,10 +235,35 @@ impl Body {
             vertices: surface.vertices,
             curves: responses,
             test_point_nodes,
+            lateral_tensors,
             tool,
             slip,
             provenance,
         })
+    }
+
+    /// What it is made of, as [`Body::new`] takes it: to make another body that differs in some of it.
+    pub fn parts(&self) -> BodyParts {
+        BodyParts {
+            surface: Surface {
+                positions: self.nodes.iter().map(|n| n.position).collect(),
+                inward: self.nodes.iter().map(|n| n.inward).collect(),
+                elements: self.elements.clone(),
+                vertices: self.vertices.clone(),
+                smoothed: 0,
+            },
+            mixes: self
+                .nodes
+                .iter()
+                .map(|n| NodeMix { test_points: n.test_points, weights: n.weights })
+                .collect(),
+            responses: self.curves.clone(),
+            test_point_nodes: self.test_point_nodes.clone(),
+            lateral_tensors: self.lateral_tensors().map(<[Tensor]>::to_vec),
+            tool: self.tool.clone(),
+            slip: self.slip,
+            provenance: self.provenance.clone(),
+        }
     }
 
     /// Nodes.
@@ -226,6 +289,17 @@ impl Body {
     /// The node each test point sits on.
     pub fn test_point_nodes(&self) -> &[u32] {
         &self.test_point_nodes
+    }
+
+    /// The lateral tensor of each node; `None` where the lateral response is alike in all directions.
+    pub fn lateral_tensors(&self) -> Option<&[Tensor]> {
+        (!self.is_isotropic()).then_some(&self.lateral_tensors)
+    }
+
+    /// Whether the lateral response is alike in all directions, at every node.
+    #[inline]
+    pub fn is_isotropic(&self) -> bool {
+        self.lateral_tensors.is_empty()
     }
 
     /// Number of distinct vertices: nodes less those that creases doubled.
@@ -302,6 +376,16 @@ impl Body {
         self.nodes.get(node.unwrap_or(0) as usize).unwrap_or(&NO_NODE)
     }
 
+    /// The lateral tensors of an element's nodes.
+    ///
+    /// # Real-time
+    /// As [`Body::element_nodes`]; the identity where there are none.
+    #[inline]
+    pub fn element_tensors(&self, element: u32) -> [&Tensor; 3] {
+        let nodes = self.elements.get(element as usize).map_or([0; 3], |e| e.nodes);
+        nodes.map(|n| self.lateral_tensors.get(n as usize).unwrap_or(&IDENTITY))
+    }
+
     /// The corner positions of an element, m.
     ///
     /// # Real-time
@@ -370,7 +454,11 @@ impl Body {
     /// # Errors
     /// The operating system's limit on locked memory is too low.
     pub fn lock_memory(&self) -> std::io::Result<()> {
-        let parts = [bytemuck::cast_slice(&self.nodes), bytemuck::cast_slice(&self.elements)];
+        let parts = [
+            bytemuck::cast_slice(&self.nodes),
+            bytemuck::cast_slice(&self.elements),
+            bytemuck::cast_slice(&self.lateral_tensors),
+        ];
         for bytes in parts.into_iter().chain(self.responses.memory()).chain(self.search.memory()) {
             crate::file::lock(bytes)?;
         }
@@ -427,6 +515,24 @@ fn check_surface(surface: &Surface) -> Result<()> {
     // By vertices: at a crease several nodes share a fan.
     check_fans(positions, elements.iter().map(|e| e.nodes.map(|n| vertices[n as usize])))?;
     check_normals(inward, positions, elements)
+}
+
+/// The tensors, each checked against its node's normal; none where all are exactly the identity, so that such a body
+/// is the same as one without.
+fn checked_tensors(tensors: Option<Vec<Tensor>>, inward: &[DVec3]) -> Result<Vec<Tensor>> {
+    let tensors = tensors.unwrap_or_default();
+    if tensors.iter().all(|a| *a == IDENTITY) && (tensors.is_empty() || tensors.len() == inward.len()) {
+        return Ok(Vec::new());
+    }
+    if tensors.len() != inward.len() {
+        let problem = format!("{} of them for {} nodes", tensors.len(), inward.len());
+        return Err(BodyError::invalid("lateral tensors", problem, "give one for each node, or none at all"));
+    }
+    for (n, (a, u)) in tensors.iter().zip(inward).enumerate() {
+        tensor::check(a, *u)
+            .map_err(|(problem, mend)| BodyError::invalid(format!("node {n}"), problem, mend))?;
+    }
+    Ok(tensors)
 }
 
 /// Whether each node lies on a border.

@@ -1,8 +1,8 @@
 //! The body file: safetensors with a schema and a version in its metadata. `docs/body-file.md` describes it.
 //!
 //! Everything is checked on the way in: dtypes and shapes against each other before anything is allocated, then the
-//! contents by [`Curve::from_ordinates`] and [`Body::new`], as for any other body. What a reader of version 1 does
-//! not know it refuses, since a response that is left out would render wrong forces.
+//! contents by [`Curve::from_ordinates`] and [`Body::new`], as for any other body. A tensor that the file's version does
+//! not know is refused, since a response that is left out would render wrong forces.
 
 use crate::body::{Body, BodyParts, NodeMix, Provenance, SlipRule};
 use crate::curve::{Curve, Extension, check_knots};
@@ -23,7 +23,8 @@ const _: () =
     assert!(cfg!(target_endian = "little"), "body files are read and written on little-endian machines");
 
 const SCHEMA: &str = "palpate-body";
-const VERSION: u32 = 1;
+/// What this program reads up to. A body is written in the least version that holds all of it.
+const VERSION: u32 = 2;
 const UNITS: &str = "SI: m, N, J";
 
 /// Bytes of the header's length, which the file begins with.
@@ -39,15 +40,25 @@ struct Sizes {
     test_points: usize,
     depth_knots: usize,
     lateral_knots: usize,
+    /// Whether nodes have lateral tensors: version 2.
+    anisotropic: bool,
 }
 
-/// The tensors of version 1 in their order in the file, wider numbers first, so that all are aligned.
+impl Sizes {
+    /// The least version that holds it.
+    fn version(&self) -> u32 {
+        if self.anisotropic { 2 } else { 1 }
+    }
+}
+
+/// The tensors in their order in the file, wider numbers first, so that all are aligned.
 ///
-/// Responses that depend on orientation, torque curves, and coupled or anisotropic responses would be further
-/// tensors of a later version.
-fn layout(s: &Sizes) -> [(&'static str, Dtype, Vec<usize>); 13] {
+/// Responses that depend on orientation, torque curves, and coupled responses would be further tensors of a later
+/// version.
+fn layout(s: &Sizes) -> Vec<(&'static str, Dtype, Vec<usize>)> {
     let (depth, lateral) = (s.depth_knots.saturating_sub(1), s.lateral_knots.saturating_sub(1));
-    [
+    let lateral_tensors = s.anisotropic.then(|| ("lateral_tensors", F64, vec![s.nodes, 6]));
+    let all = [
         ("positions", F64, vec![s.nodes, 3]),
         ("inward_normals", F64, vec![s.nodes, 3]),
         ("node_weights", F64, vec![s.nodes, 3]),
@@ -61,7 +72,8 @@ fn layout(s: &Sizes) -> [(&'static str, Dtype, Vec<usize>); 13] {
         ("triangles", U32, vec![s.elements, 3]),
         ("twins", U32, vec![s.elements, 3]),
         ("test_point_nodes", U32, vec![s.test_points]),
-    ]
+    ];
+    lateral_tensors.into_iter().chain(all).collect()
 }
 
 /// What stands before the tensors, sorted, so that the same body has the same bytes.
@@ -166,6 +178,7 @@ impl Body {
                 .map(|((normal, lateral), friction)| Response { normal, lateral, friction })
                 .collect(),
             test_point_nodes: pod_collect_to_vec(file.bytes("test_point_nodes")),
+            lateral_tensors: Some(pod_collect_to_vec(file.bytes("lateral_tensors"))),
             tool: file.json("tool", serde_json::from_str)?,
             slip: file.json("slip", |text| serde_json::from_value::<SlipRule>(text.into()))?,
             provenance: file.json("provenance", serde_json::from_str::<Provenance>)?,
@@ -190,6 +203,7 @@ impl Body {
             test_points: self.curves.len(),
             depth_knots: self.responses.depth_knots().values().len(),
             lateral_knots: self.responses.lateral_knots().values().len(),
+            anisotropic: !self.is_isotropic(),
         }
     }
 
@@ -204,7 +218,8 @@ impl Body {
         }
         let mut tensors = BTreeMap::new();
         let mut end = 0;
-        for (name, dtype, shape) in layout(&self.sizes()) {
+        let sizes = self.sizes();
+        for (name, dtype, shape) in layout(&sizes) {
             let start = end;
             end += shape.iter().product::<usize>() * (dtype.bitsize() / 8);
             tensors.insert(name, TensorInfo { dtype, shape, data_offsets: (start, end) });
@@ -212,7 +227,7 @@ impl Body {
         let encode = || {
             let __metadata__ = BTreeMap::from([
                 ("schema", SCHEMA.to_string()),
-                ("version", VERSION.to_string()),
+                ("version", sizes.version().to_string()),
                 ("units", UNITS.to_string()),
                 ("tool", serde_json::to_string(&self.tool)?),
                 ("slip", serde_json::to_string(&self.slip)?.trim_matches('"').to_string()),
@@ -249,6 +264,7 @@ impl Body {
             "positions" => nodes.iter().try_for_each(|n| put(bytes_of(&n.position))),
             "inward_normals" => nodes.iter().try_for_each(|n| put(bytes_of(&n.inward))),
             "node_weights" => nodes.iter().try_for_each(|n| put(bytes_of(&n.weights))),
+            "lateral_tensors" => put(cast_slice(&self.lateral_tensors)),
             "depth_knots_m" => put(cast_slice(self.responses.depth_knots().values())),
             "lateral_knots_m" => put(cast_slice(self.responses.lateral_knots().values())),
             "normal_curves_n" => curves.iter().try_for_each(|r| put(cast_slice(r.normal.ordinates()))),
@@ -292,8 +308,8 @@ impl<'a> File<'a> {
             return Err(BodyError::invalid("metadata `schema`", problem, "this is no body file"));
         }
         let version = file.metadata("version")?;
-        match version.parse::<u32>() {
-            Ok(VERSION) => {}
+        let version = match version.parse::<u32>() {
+            Ok(known @ 1..=VERSION) => known,
             Ok(newer) if newer > VERSION => {
                 let problem = format!("the file has version {newer}, this program reads up to {VERSION}");
                 return Err(BodyError::invalid(
@@ -306,7 +322,7 @@ impl<'a> File<'a> {
                 let problem = format!("`{version}` is no version");
                 return Err(BodyError::invalid("metadata `version`", problem, "make the body again"));
             }
-        }
+        };
         let units = file.metadata("units")?;
         if units != UNITS {
             let problem = format!("they are `{units}`, where `{UNITS}` belongs");
@@ -321,11 +337,11 @@ impl<'a> File<'a> {
                 "the file is incomplete: copy or make it again",
             ));
         }
-        file.check_layout()?;
+        file.check_layout(version)?;
         Ok(file)
     }
 
-    fn check_layout(&self) -> Result<()> {
+    fn check_layout(&self, version: u32) -> Result<()> {
         let count = |name| self.header.info(name).and_then(|t| t.shape.first().copied()).unwrap_or(0);
         let layout = layout(&Sizes {
             nodes: count("positions"),
@@ -333,6 +349,7 @@ impl<'a> File<'a> {
             test_points: count("test_point_nodes"),
             depth_knots: count("depth_knots_m"),
             lateral_knots: count("lateral_knots_m"),
+            anisotropic: version >= 2 && self.header.info("lateral_tensors").is_some(),
         });
         for (name, dtype, shape) in &layout {
             let problem = match self.header.info(name) {
@@ -345,7 +362,7 @@ impl<'a> File<'a> {
         match self.header.offset_keys().iter().find(|key| !layout.iter().any(|(name, ..)| name == key)) {
             None => Ok(()),
             Some(unknown) => {
-                let problem = format!("version {VERSION} has no such tensor");
+                let problem = format!("version {version} has no such tensor");
                 Err(BodyError::invalid(tensor(unknown), problem, "remove it, or make the body again"))
             }
         }

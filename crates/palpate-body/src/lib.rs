@@ -22,6 +22,7 @@
 //!     surface,
 //!     responses: vec![Response { normal, lateral, friction }],
 //!     test_point_nodes: vec![0],
+//!     lateral_tensors: None, // alike in all directions
 //!     tool: Tool::point(),
 //!     slip: SlipRule::Paper,
 //!     provenance: Provenance::default(),
@@ -40,10 +41,12 @@ pub mod response;
 pub mod search;
 pub mod shape;
 pub mod surface;
+pub mod tensor;
 
-pub use body::{Body, BodyParts, Node, NodeMix, Provenance, SlipRule, Tool};
+pub use body::{Body, BodyParts, Node, NodeMix, PointErrors, Provenance, SlipRule, Tool};
 pub use curve::{Curve, Extension, Interpolation};
 pub use error::{BodyError, Result};
 pub use response::{Response, Responses, Rows, Sample};
 pub use search::{MeshSearch, Nearest, SurfacePoint, Touch};
 pub use surface::{Element, NO_TWIN, Surface, TriangleMesh};
+pub use tensor::Tensor;

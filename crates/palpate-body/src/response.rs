@@ -5,8 +5,9 @@ use crate::error::{BodyError, Result};
 
 /// What a test point answers: MODEL 1's three functions of deflection.
 ///
-/// Room is left beside them for responses that depend on the tool's orientation, torque curves and a lateral
-/// stiffness tensor: each would be a further field here and a further row kind in [`Responses`].
+/// How the lateral response depends on the direction is a node's [`Tensor`](crate::Tensor). Room is left for responses
+/// that depend on the tool's orientation and for torque curves: each would be a further field here and a further row
+/// kind in [`Responses`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Response {
     /// f^z(δz), N: zero at zero, never decreasing.

@@ -4,8 +4,8 @@
 
 use glam::DVec3;
 use palpate_body::{
-    Body, BodyParts, Curve, Extension, Interpolation, NodeMix, Provenance, Response, SlipRule, Surface, Tool,
-    TriangleMesh,
+    Body, BodyParts, Curve, Extension, Interpolation, NodeMix, PointErrors, Provenance, Response, SlipRule,
+    Surface, Tensor, Tool, TriangleMesh, tensor,
 };
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -74,12 +74,32 @@ fn response(k: f64) -> Response {
 }
 
 fn body(mesh: &TriangleMesh, crease_angle: f64, points: u32) -> Body {
+    made(mesh, crease_angle, points, |_| None)
+}
+
+/// The same, stiffer sideways in one direction than in the other by a factor of 1 to 100.
+fn anisotropic(mesh: &TriangleMesh, points: u32) -> Body {
+    made(mesh, 0.5, points, |inward| {
+        let ratio = |n: usize| if n == 0 { tensor::MAX_RATIO } else { 1.0 + n as f64 };
+        let axis = |n: usize| DVec3::new(1.0, n as f64, 0.3);
+        let tensor = |(n, &u)| tensor::along(axis(n), ratio(n), u).unwrap();
+        Some(inward.iter().enumerate().map(tensor).collect())
+    })
+}
+
+fn made(
+    mesh: &TriangleMesh,
+    crease_angle: f64,
+    points: u32,
+    tensors: impl Fn(&[DVec3]) -> Option<Vec<Tensor>>,
+) -> Body {
     let surface = Surface::build(mesh, crease_angle).unwrap();
     let nodes = surface.positions().len() as u32;
     let mix =
         |n: u32| NodeMix { test_points: [n % points, (n + 1) % points, 0], weights: [0.7, 0.1 + 0.2, 0.0] };
     Body::new(BodyParts {
         mixes: (0..nodes).map(mix).collect(),
+        lateral_tensors: tensors(surface.inward_normals()),
         surface,
         responses: (0..points).map(|t| response(300.0 + 70.0 * t as f64)).collect(),
         test_point_nodes: (0..points).collect(),
@@ -92,13 +112,15 @@ fn body(mesh: &TriangleMesh, crease_angle: f64, points: u32) -> Body {
             inputs: [("a b.stl".to_string(), "00ff".to_string()), ("x.csv".to_string(), "17".to_string())]
                 .into(),
             notes: vec!["nothing was repaired".into()],
+            point_errors: vec![PointErrors { largest_force_n: 0.1 + 0.2, ..Default::default() }],
         },
     })
     .unwrap()
 }
 
-fn bodies() -> [Body; 3] {
-    [body(&cube(), 0.5, 4), body(&cube(), f64::INFINITY, 1), body(&plane(4, 2), 0.5, 15)]
+fn bodies() -> [Body; 4] {
+    let (cube, plane) = (cube(), plane(4, 2));
+    [body(&cube, 0.5, 4), body(&cube, f64::INFINITY, 1), body(&plane, 0.5, 15), anisotropic(&plane, 3)]
 }
 
 #[test]
@@ -119,6 +141,45 @@ fn what_is_written_is_read() {
     }
 }
 
+/// Files that earlier programs wrote, byte for byte.
+#[test]
+fn old_files_are_read() {
+    let files = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/files");
+    for (name, body) in [("version-1", body(&cube(), 0.5, 4)), ("version-2", anisotropic(&cube(), 4))] {
+        let path = files.join(name).with_extension("body");
+        if std::env::var_os("PALPATE_BLESS").is_some() && !path.exists() {
+            body.save(&path).unwrap();
+        }
+        assert_eq!(Body::open(&path).unwrap(), body, "{name}");
+        // What holds no more is still written as before: programs of that time read it.
+        assert_eq!(body.to_bytes().unwrap(), std::fs::read(&path).unwrap(), "{name}");
+    }
+}
+
+#[test]
+fn identities_are_no_tensors() {
+    let all = |a: Tensor| move |inward: &[DVec3]| Some(vec![a; inward.len()]);
+    let plain = body(&cube(), 0.5, 4);
+    let same = made(&cube(), 0.5, 4, all(tensor::IDENTITY));
+    assert!(same == plain && same.is_isotropic() && same.lateral_tensors().is_none());
+    assert_eq!(same.to_bytes().unwrap(), plain.to_bytes().unwrap());
+
+    let one = made(&cube(), 0.5, 4, |inward| {
+        let mut tensors = vec![tensor::IDENTITY; inward.len()];
+        tensors[5] = tensor::along(DVec3::new(1.0, 2.0, 3.0), 2.0, inward[5]).unwrap();
+        Some(tensors)
+    });
+    assert!(one != plain && !one.is_isotropic());
+    assert_eq!(one.lateral_tensors().unwrap()[4], tensor::IDENTITY);
+    for element in 0..one.elements().len() as u32 {
+        let nodes = one.elements()[element as usize].nodes;
+        let tensors = nodes.map(|n| one.lateral_tensors().unwrap()[n as usize]);
+        assert_eq!(one.element_tensors(element).map(|a| *a), tensors);
+    }
+    assert_eq!(plain.element_tensors(3), [&tensor::IDENTITY; 3]);
+    assert_eq!(one.element_tensors(u32::MAX).map(|a| *a), [one.lateral_tensors().unwrap()[0]; 3]);
+}
+
 #[test]
 fn the_radius_survives_to_the_last_bit() {
     let mut random = Random(3);
@@ -130,6 +191,7 @@ fn the_radius_survives_to_the_last_bit() {
             surface,
             responses: vec![response(500.0)],
             test_point_nodes: vec![0],
+            lateral_tensors: None,
             tool: Tool::sphere(radius),
             slip: SlipRule::Paper,
             provenance: Provenance::default(),
@@ -153,7 +215,7 @@ fn alignment_does_not_matter() {
 #[test]
 fn a_failed_save_leaves_the_old_file() {
     let folder = tempfile::tempdir().unwrap();
-    let [first, second, _] = bodies();
+    let [first, second, ..] = bodies();
     let path = folder.path().join("x.body");
     first.save(&path).unwrap();
 
@@ -172,6 +234,7 @@ fn a_failed_save_leaves_the_old_file() {
         surface,
         responses: vec![response(500.0)],
         test_point_nodes: vec![0],
+        lateral_tensors: None,
         tool: Tool::point(),
         slip: SlipRule::Paper,
         provenance: Provenance { spec: Some("x".repeat(5 << 20)), ..Default::default() },
@@ -225,7 +288,7 @@ fn messages_name_the_place_and_the_mend() {
     refused(&bytes[..bytes.len() - 1], &["tensors", "incomplete"]);
     refused(&[&bytes[..], &[0]].concat(), &["tensors", "incomplete"]);
     changed("\"palpate-body\"", "\"llama\"", &["metadata `schema`", "`llama`", "no body file"]);
-    changed("\"version\":\"1\"", "\"version\":\"2\"", &["metadata `version`", "newer palpate", "update"]);
+    changed("\"version\":\"1\"", "\"version\":\"3\"", &["metadata `version`", "newer palpate", "update"]);
     changed("\"version\":\"1\"", "\"version\":\"-1\"", &["metadata `version`", "`-1`"]);
     changed("\"version\":\"1\"", "\"edition\":\"1\"", &["metadata `version`", "missing"]);
     changed("SI: m, N, J", "mm, N", &["metadata `units`", "mm"]);
@@ -263,6 +326,24 @@ fn messages_name_the_place_and_the_mend() {
     numbers("normal_curves_n", 15, 7.0, &["tensor `normal_curves_n`, test point 1, ", "jumps"]);
     numbers("friction_curves", 13, -1.0, &["test point 1", "friction"]);
     numbers("lateral_curves_n", 5, f64::INFINITY, &["tensor `lateral_curves_n`, test point 0"]);
+
+    let stretched = anisotropic(&plane(2, 1), 1).to_bytes().unwrap();
+    refused(
+        &with_header(&stretched, "\"version\":\"2\"", "\"version\":\"1\""),
+        &["tensor `lateral_tensors`", "version 1 has no such tensor"],
+    );
+    let length = u64::from_le_bytes(stretched[..8].try_into().unwrap()) as usize;
+    for (at, value, words) in [
+        (7, f64::NAN, "not finite"),
+        (8, 1.1, "acts on the normal"),
+        (9, 50.0, "positive"),
+        (6, 1.9, "mean 1"),
+    ] {
+        let mut bytes = stretched.clone();
+        // The tensors come first.
+        bytes[8 + length + 8 * at..][..8].copy_from_slice(&f64::to_le_bytes(value));
+        refused(&bytes, &["node 1", "lateral tensor", words]);
+    }
 
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.body");
@@ -351,7 +432,7 @@ fn no_damage_gets_in() {
     let mut random = Random(0x9E37_79B9_7F4A_7C15);
     let mut accepted = 0;
     for round in 0..100_000 {
-        let mut bytes = originals[round % 3].clone();
+        let mut bytes = originals[round % 4].clone();
         for _ in 0..1 + random.below(3) {
             if bytes.len() > 64 {
                 mutate(&mut bytes, &mut random);

@@ -52,6 +52,7 @@ fn tube(finer: u32) -> Body {
             .collect(),
         responses,
         test_point_nodes: test_point_nodes.collect(),
+        lateral_tensors: None,
         tool: Tool::point(),
         slip: SlipRule::Paper,
         provenance: Provenance::default(),

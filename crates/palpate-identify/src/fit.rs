@@ -60,7 +60,7 @@ pub struct PointReport {
 
 /// Deflections closer than this (m) are taken for the same one: far below what a sensor resolves, and wide enough for
 /// the slope of a curve between them to mean something.
-const SAME_DEFLECTION: f64 = 1e-8;
+pub(crate) const SAME_DEFLECTION: f64 = 1e-8;
 
 /// Makes a response for each point that `samples` name, in the order of their first rows, matches each to the surface
 /// node nearest to it, and gives every other node a mix of the points around it (see [`spread`]).
@@ -278,7 +278,7 @@ fn knots(points: &[Point], components: &[Component]) -> Result<Vec<f64>, FitErro
 }
 
 /// The knot that stands for a deflection.
-fn knot(knots: &[f64], deflection: f64) -> f64 {
+pub(crate) fn knot(knots: &[f64], deflection: f64) -> f64 {
     knots[knots.partition_point(|&k| k <= deflection).saturating_sub(1)]
 }
 
@@ -505,7 +505,7 @@ impl Averages {
 
 /// Bringing a curve onto more knots evaluates its powers, and rounding may leave neighbouring intervals an ulp apart
 /// or a friction coefficient as far below 0. A knot's right-hand ordinate is a sample where it is one at all.
-fn tidy(curve: &Curve) -> Result<Curve, FitError> {
+pub(crate) fn tidy(curve: &Curve) -> Result<Curve, FitError> {
     let mut ordinates = curve.ordinates().to_vec();
     for i in 1..ordinates.len() {
         ordinates[i - 1][3] = ordinates[i][0];
@@ -518,7 +518,7 @@ fn tidy(curve: &Curve) -> Result<Curve, FitError> {
 
 /// A lateral curve that goes on rising past its end: where the samples level off, PCHIP may end with slope 0. At least
 /// 1 % of the last interval's mean slope keeps the curve monotone and through its samples.
-fn rising_end(curve: &Curve) -> Result<Curve, FitError> {
+pub(crate) fn rising_end(curve: &Curve) -> Result<Curve, FitError> {
     let mut ordinates = curve.ordinates().to_vec();
     if let Some([start, .., before, end]) = ordinates.last_mut() {
         *before = before.min(*end - (*end - *start) / 300.0);

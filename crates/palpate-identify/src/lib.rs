@@ -15,17 +15,25 @@
 //! let Fit { mixes, responses, test_point_nodes, report } = fit(&surface, &samples, &FitOptions::default())?;
 //! println!("the points lie within {} m of their nodes", report.largest_distance_m);
 //! let (tool, slip, provenance) = (Tool::point(), SlipRule::Paper, Provenance::default());
-//! let body = Body::new(BodyParts { surface, mixes, responses, test_point_nodes, tool, slip, provenance })?;
+//! let lateral_tensors = None; // alike in all directions
+//! let body = Body::new(BodyParts {
+//!     surface, mixes, responses, test_point_nodes, lateral_tensors, tool, slip, provenance,
+//! })?;
 //! body.save("ball.body".as_ref())?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
 mod error;
 mod fit;
+mod geodesic;
+mod paths;
 mod samples;
 mod spread;
+mod test_points;
 
 pub use error::FitError;
 pub use fit::{Fit, FitOptions, FitReport, PointReport, fit};
+pub use paths::{DragRecord, PathFit, PathOptions, PointFit, PointRecord, fit_paths, fit_point};
 pub use samples::{Component, Sample, read_samples};
-pub use spread::spread;
+pub use spread::{spread, spread_guided};
+pub use test_points::{Amount, test_points};

@@ -6,10 +6,10 @@
 //! a rod) or not at all, segments and single points take the triangles' place.
 
 use crate::error::FitError;
+use crate::geodesic::{Geodesic, Lists, NONE, vertex_positions};
+use crate::test_points::check_guide;
 use glam::DVec3;
 use palpate_body::{NodeMix, Surface};
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
 
 /// A mix for every node: a node that is a test point is its own, any other mixes up to three around it.
 ///
@@ -37,16 +37,94 @@ pub fn spread(surface: &Surface, test_point_nodes: &[u32]) -> Result<Vec<NodeMix
         .collect()
 }
 
+/// As [`spread`], with weights bent so that each node's mix gives the number that `guide` has for it, where the guide
+/// is positive and known to go with the responses, such as the stiffness of a linear body.
+///
+/// The weights are wᵢ = nᵢ / (1 + θ (gᵢ − g)), with nᵢ those of [`spread`] and θ such that Σ wᵢ gᵢ = g: of all that
+/// satisfy it, the nearest to nᵢ by Σ nᵢ ln(nᵢ/wᵢ) (empirical likelihood, Owen 1988). They sum to 1 by themselves.
+/// Where g is beyond all three test points' the mix is the nearest of them.
+///
+/// # Errors
+/// As [`spread`], or a guide that is not one positive number for each node.
+pub fn spread_guided(
+    surface: &Surface,
+    test_point_nodes: &[u32],
+    guide: &[f64],
+) -> Result<Vec<NodeMix>, FitError> {
+    let mut mixes = spread(surface, test_point_nodes)?;
+    follow(&mut mixes, surface, test_point_nodes, guide)?;
+    Ok(mixes)
+}
+
+/// Bends the mixes so that they give the guide.
+pub(crate) fn follow(
+    mixes: &mut [NodeMix],
+    surface: &Surface,
+    test_point_nodes: &[u32],
+    guide: &[f64],
+) -> Result<(), FitError> {
+    check_guide(Some(guide), surface.positions().len())?;
+    for (mix, &g) in mixes.iter_mut().zip(guide) {
+        let own = mix.test_points.map(|t| guide[test_point_nodes[t as usize] as usize]);
+        mix.weights = bend(mix.weights, own.map(|own| own / g - 1.0));
+    }
+    Ok(())
+}
+
+/// As [`spread`], but a part of the surface without a test point, such as the wall of a hollow that no tool reaches,
+/// has the response of the test point nearest in space. Also how many nodes are so.
+pub(crate) fn spread_everywhere(
+    surface: &Surface,
+    test_point_nodes: &[u32],
+) -> Result<(Vec<NodeMix>, usize), FitError> {
+    let placed = place(surface, test_point_nodes)?;
+    let mut alone = 0;
+    let nearest = |p: DVec3| {
+        let distance = |t: &usize| surface.positions()[test_point_nodes[*t] as usize].distance_squared(p);
+        (0..test_point_nodes.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
+    };
+    let mixes = (surface.vertices().iter().zip(surface.positions()))
+        .map(|(&v, &p)| {
+            placed[v as usize].unwrap_or_else(|| {
+                alone += 1;
+                NodeMix::own(nearest(p) as u32)
+            })
+        })
+        .collect();
+    Ok((mixes, alone))
+}
+
+/// Weights near `n` with Σ w d = 0.
+fn bend(n: [f64; 3], d: [f64; 3]) -> [f64; 3] {
+    let used = || (0..3).filter(|&i| n[i] > 0.0);
+    let low = used().map(|i| d[i]).fold(f64::INFINITY, f64::min);
+    let high = used().map(|i| d[i]).fold(f64::NEG_INFINITY, f64::max);
+    if low >= 0.0 || high <= 0.0 {
+        let nearest = if low >= 0.0 { low } else { high };
+        let share = |i: usize| if d[i] == nearest { n[i] } else { 0.0 };
+        let sum: f64 = (0..3).map(share).sum();
+        return std::array::from_fn(|i| share(i) / sum);
+    }
+    // Σ n d / (1 + θ d) falls between the poles, from +∞ to −∞.
+    let (mut least, mut most) = (-1.0 / high, -1.0 / low);
+    for _ in 0..100 {
+        let theta = (least + most) / 2.0;
+        let sum: f64 = used().map(|i| n[i] * d[i] / (1.0 + theta * d[i])).sum();
+        if sum > 0.0 { least = theta } else { most = theta }
+    }
+    let theta = (least + most) / 2.0;
+    let w: [f64; 3] = std::array::from_fn(|i| if n[i] > 0.0 { n[i] / (1.0 + theta * d[i]) } else { 0.0 });
+    let sum: f64 = w.iter().sum();
+    w.map(|w| w / sum)
+}
+
 /// A mix for every vertex; none where no test point can be reached along the surface.
 pub(crate) fn place(surface: &Surface, test_point_nodes: &[u32]) -> Result<Vec<Option<NodeMix>>, FitError> {
-    let vertices = surface.vertices();
-    let count = vertices.iter().map(|&v| v as usize + 1).max().unwrap_or(0);
-    let mut positions = vec![DVec3::ZERO; count];
-    for (&v, &p) in vertices.iter().zip(surface.positions()) {
-        positions[v as usize] = p;
-    }
-    let sources = sources(vertices, test_point_nodes)?;
-    let labels = cells(surface, &positions, &sources);
+    let positions = vertex_positions(surface);
+    let count = positions.len();
+    let sources = sources(surface.vertices(), test_point_nodes)?;
+    let length = |a: u32, b: u32| positions[a as usize].distance(positions[b as usize]);
+    let labels = Geodesic::new(surface, &length).cells(&sources);
     let dual = Dual::new(surface, &labels, sources.iter().map(|&v| positions[v as usize]).collect());
 
     let mut mixes = vec![None; count];
@@ -69,9 +147,6 @@ pub(crate) fn place(surface: &Surface, test_point_nodes: &[u32]) -> Result<Vec<O
     Ok(mixes)
 }
 
-/// No label: not reached.
-const NONE: u32 = u32::MAX;
-
 /// The vertex of each test point.
 fn sources(vertices: &[u32], test_point_nodes: &[u32]) -> Result<Vec<u32>, FitError> {
     if test_point_nodes.is_empty() {
@@ -92,118 +167,6 @@ fn sources(vertices: &[u32], test_point_nodes: &[u32]) -> Result<Vec<u32>, FitEr
             let problem = format!("it sits on the same vertex as test point {}", pair[0].1);
             Err(FitError::invalid(format!("test point {}", pair[1].1), problem, "remove one of the two"))
         }
-    }
-}
-
-/// The nearest test point of each vertex along the surface, by Dijkstra's method from all at once, where a way may
-/// also cross an element (Kimmel and Sethian 1998): on a plane distances are true ones. Ties go to the lower number.
-fn cells(surface: &Surface, positions: &[DVec3], sources: &[u32]) -> Vec<u32> {
-    let vertices = surface.vertices();
-    // Around each vertex the other two of every element.
-    let fans = surface.elements().iter().flat_map(|element| {
-        let [a, b, c] = element.nodes.map(|n| vertices[n as usize]);
-        [(a, [b, c]), (b, [c, a]), (c, [a, b])]
-    });
-    let fans = Lists::new(positions.len(), fans);
-    let mut reached = vec![Reached { distance: f64::INFINITY, label: NONE, done: false }; positions.len()];
-    let ways = surface.elements().iter().map(|e| {
-        let [a, b] = [e.nodes[0], e.nodes[1]].map(|n| surface.positions()[n as usize]);
-        a.distance(b)
-    });
-    let mut queue = Queue::new(ways.sum::<f64>() / surface.elements().len() as f64);
-    for (t, &v) in sources.iter().enumerate() {
-        reached[v as usize] = Reached { distance: 0.0, label: t as u32, done: false };
-        queue.push(0.0, t as u32, v);
-    }
-    while let Some((from_v, label, v)) = queue.pop() {
-        if std::mem::replace(&mut reached[v as usize].done, true) {
-            continue;
-        }
-        for &[b, c] in fans.of(v) {
-            for (next, third) in [(b, c), (c, b)] {
-                let known = reached[next as usize];
-                if known.done {
-                    continue;
-                }
-                let [p, q, r] = [v, third, next].map(|v| positions[v as usize]);
-                let mut distance = from_v + p.distance(r);
-                let third = reached[third as usize];
-                if third.done && third.label == label {
-                    distance = distance.min(across([p, q], [from_v, third.distance], r));
-                }
-                if (distance, label) < (known.distance, known.label) {
-                    reached[next as usize] = Reached { distance, label, done: false };
-                    queue.push(distance, label, next);
-                }
-            }
-        }
-    }
-    reached.into_iter().map(|r| r.label).collect()
-}
-
-/// How far a vertex is from its nearest test point, as far as is known.
-#[derive(Clone, Copy)]
-struct Reached {
-    distance: f64,
-    label: u32,
-    done: bool,
-}
-
-/// Vertices by distance, then label: a heap of the nearest, which stays small, and buckets of those further out.
-struct Queue {
-    width: f64,
-    nearest: BinaryHeap<Reverse<(u64, u32, u32)>>,
-    /// Of the nearest; every earlier one is empty.
-    bucket: usize,
-    buckets: Vec<Vec<(u64, u32, u32)>>,
-}
-
-impl Queue {
-    /// Buckets, so that a mesh with a few huge elements does not ask for too many: the last one has no end.
-    const MOST: usize = 1 << 20;
-
-    fn new(width: f64) -> Self {
-        Queue { width, nearest: BinaryHeap::new(), bucket: 0, buckets: Vec::new() }
-    }
-
-    fn push(&mut self, distance: f64, label: u32, vertex: u32) {
-        // Bits of non-negative numbers are ordered as the numbers are.
-        let item = (distance.to_bits(), label, vertex);
-        let bucket = ((distance / self.width) as usize).min(Self::MOST);
-        if bucket <= self.bucket {
-            self.nearest.push(Reverse(item));
-            return;
-        }
-        if bucket >= self.buckets.len() {
-            self.buckets.resize_with(bucket + 1, Vec::new);
-        }
-        self.buckets[bucket].push(item);
-    }
-
-    fn pop(&mut self) -> Option<(f64, u32, u32)> {
-        while self.nearest.is_empty() && self.bucket + 1 < self.buckets.len() {
-            self.bucket += 1;
-            self.nearest.extend(std::mem::take(&mut self.buckets[self.bucket]).into_iter().map(Reverse));
-        }
-        let Reverse((bits, label, vertex)) = self.nearest.pop()?;
-        Some((f64::from_bits(bits), label, vertex))
-    }
-}
-
-/// The distance of `r` from a source that is at the given distances from the ends of `edge`, on a straight way across
-/// that edge in the plane of the triangle; infinite if there is none.
-fn across([p, q]: [DVec3; 2], [from_p, from_q]: [f64; 2], r: DVec3) -> f64 {
-    let length = p.distance(q);
-    // The source lies at (x, -y), r at (u, w), the edge along the first axis.
-    let x = (from_p * from_p - from_q * from_q + length * length) / (2.0 * length);
-    let y = (from_p * from_p - x * x).max(0.0).sqrt();
-    let u = (r - p).dot(q - p) / length;
-    let w = (r.distance_squared(p) - u * u).max(0.0).sqrt();
-    let crossing = x + (u - x) * y / (y + w);
-    if (0.0..=length).contains(&crossing) {
-        ((u - x) * (u - x) + (w + y) * (w + y)).sqrt()
-    } else {
-        f64::INFINITY
     }
 }
 
@@ -342,34 +305,4 @@ fn on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> [f64; 3] {
     let [va, vb, vc] = [va.max(0.0), vb.max(0.0), vc.max(0.0)];
     let sum = va + vb + vc;
     if sum > 0.0 { [va / sum, vb / sum, vc / sum] } else { [1.0, 0.0, 0.0] }
-}
-
-/// Many short lists in one piece.
-struct Lists<T> {
-    starts: Vec<usize>,
-    items: Vec<T>,
-}
-
-impl<T: Copy + Default> Lists<T> {
-    /// Sorts (list, item) pairs by list; within one they keep their order.
-    fn new(count: usize, pairs: impl Iterator<Item = (u32, T)> + Clone) -> Self {
-        let mut starts = vec![0usize; count + 1];
-        for (list, _) in pairs.clone() {
-            starts[list as usize + 1] += 1;
-        }
-        for i in 0..count {
-            starts[i + 1] += starts[i];
-        }
-        let mut next = starts.clone();
-        let mut items = vec![T::default(); starts[count]];
-        for (list, item) in pairs {
-            items[next[list as usize]] = item;
-            next[list as usize] += 1;
-        }
-        Lists { starts, items }
-    }
-
-    fn of(&self, list: u32) -> &[T] {
-        &self.items[self.starts[list as usize]..self.starts[list as usize + 1]]
-    }
 }

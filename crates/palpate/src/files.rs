@@ -48,11 +48,11 @@ pub fn sha256(path: &Path) -> Result<String> {
     read().map_err(|e| unreadable(path, &e))
 }
 
-fn unreadable(path: &Path, error: &io::Error) -> anyhow::Error {
+pub(crate) fn unreadable(path: &Path, error: &io::Error) -> anyhow::Error {
     anyhow!("{}: can't be read ({error}); check the path and its permissions", path.display())
 }
 
-fn unwritable(path: &Path, error: &io::Error) -> anyhow::Error {
+pub(crate) fn unwritable(path: &Path, error: &io::Error) -> anyhow::Error {
     // A temporary file's error names that file, which nobody asked for.
     let cause = error.to_string();
     let cause = cause.split(" at path ").next().unwrap_or_default();
@@ -69,15 +69,7 @@ fn unwritable(path: &Path, error: &io::Error) -> anyhow::Error {
 /// `path` leads to something other than an ordinary file, the folder can't be written or is full, or `write` fails.
 pub fn replace(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<()>) -> Result<()> {
     let complain = |e: io::Error| unwritable(path, &e);
-    let (target, old) = match std::fs::metadata(path) {
-        Ok(old) if old.is_file() => (std::fs::canonicalize(path).map_err(complain)?, Some(old)),
-        Ok(old) if old.is_dir() => bail!("{}: it is a folder; name a file", path.display()),
-        Ok(_) => bail!("{}: it is no ordinary file; give a file's name", path.display()),
-        Err(_) if path.is_symlink() => {
-            bail!("{}: it is a link that leads nowhere; give a file's name", path.display())
-        }
-        Err(_) => (path.to_path_buf(), None),
-    };
+    let (target, old) = target(path)?;
     let folder = target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
     // A temporary file is its owner's alone; an output is an ordinary file, as far as the umask allows.
@@ -89,8 +81,35 @@ pub fn replace(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<()>) ->
     if let Some(old) = old {
         file.as_file().set_permissions(old.permissions()).map_err(complain)?;
     }
+    file.as_file().sync_all().map_err(complain)?;
     file.persist(target).map_err(|e| complain(e.error))?;
     Ok(())
+}
+
+/// Whether [`replace`] could write `path`, as far as can be told before: its folder is there, and nothing but an
+/// ordinary file would be replaced.
+///
+/// # Errors
+/// It could not.
+pub fn check_target(path: &Path) -> Result<()> {
+    let (target, _) = target(path)?;
+    let folder = target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    std::fs::read_dir(folder).map_err(|e| unwritable(path, &e))?;
+    Ok(())
+}
+
+/// The file that a link leads to, and what is there already.
+fn target(path: &Path) -> Result<(PathBuf, Option<std::fs::Metadata>)> {
+    let complain = |e: io::Error| unwritable(path, &e);
+    Ok(match std::fs::metadata(path) {
+        Ok(old) if old.is_file() => (std::fs::canonicalize(path).map_err(complain)?, Some(old)),
+        Ok(old) if old.is_dir() => bail!("{}: it is a folder; name a file", path.display()),
+        Ok(_) => bail!("{}: it is no ordinary file; give a file's name", path.display()),
+        Err(_) if path.is_symlink() => {
+            bail!("{}: it is a link that leads nowhere; give a file's name", path.display())
+        }
+        Err(_) => (path.to_path_buf(), None),
+    })
 }
 
 /// As [`replace`], but what takes a stream of bytes (a named pipe, `/dev/null`) is written straight.

@@ -1,7 +1,8 @@
 //! What is in a body: sizes, ranges of its curves, and the stiffness that a device must be able to hold.
 
 use crate::plot::{Line, LineChart};
-use palpate_body::{Body, Curve, NO_TWIN, Provenance, Response, SlipRule};
+use crate::validate::{median, percentile};
+use palpate_body::{Body, Curve, NO_TWIN, PointErrors, Provenance, Response, SlipRule};
 use serde::Serialize;
 
 /// What `palpate inspect --json` prints.
@@ -31,8 +32,59 @@ pub struct Inspection {
     pub ranges: Ranges,
     /// Stiffness of the contact in stick.
     pub stiffness_max_n_per_m: Vec<StiffnessAt>,
-    /// Where the body came from.
+    /// How far the responses are from the load paths that they were made from; none for measured samples and laws.
+    pub fit_errors: Option<FitErrors>,
+    /// Where the body came from, with the errors of each test point.
     pub provenance: Provenance,
+}
+
+/// Largest differences at each test point between its responses and its load paths, over the test points.
+#[derive(Debug, Clone, Serialize)]
+pub struct FitErrors {
+    /// Of the normal force while pressing.
+    pub normal: Range,
+    /// Of the normal force while dragging: responses know it by the depth only.
+    pub normal_dragged: Range,
+    /// Lateral force while pressing, of which responses know nothing.
+    pub lateral_pressed: Range,
+    /// Of the lateral force while dragging.
+    pub lateral: Range,
+    /// The same, were the responses alike in all directions.
+    pub lateral_isotropic: Range,
+}
+
+/// Median, 95th percentile and worst over the test points.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Range {
+    /// In % of the point's largest force.
+    pub median_percent: f64,
+    /// In % of the point's largest force.
+    pub p95_percent: f64,
+    /// In % of the point's largest force.
+    pub worst_percent: f64,
+    /// N.
+    pub worst_n: f64,
+}
+
+fn fit_errors(points: &[PointErrors]) -> Option<FitErrors> {
+    let range = |of: fn(&PointErrors) -> f64| {
+        let pressed = points.iter().filter(|p| p.largest_force_n > 0.0);
+        let mut percent: Vec<f64> = pressed.map(|p| 100.0 * of(p) / p.largest_force_n).collect();
+        percent.sort_by(f64::total_cmp);
+        Range {
+            median_percent: median(&percent),
+            p95_percent: percentile(&percent, 0.95),
+            worst_percent: percentile(&percent, 1.0),
+            worst_n: points.iter().map(of).fold(0.0, f64::max),
+        }
+    };
+    (!points.is_empty()).then(|| FitErrors {
+        normal: range(|p| p.normal_n),
+        normal_dragged: range(|p| p.normal_dragged_n),
+        lateral_pressed: range(|p| p.lateral_pressed_n),
+        lateral: range(|p| p.lateral_n),
+        lateral_isotropic: range(|p| p.lateral_isotropic_n),
+    })
 }
 
 /// A tool.
@@ -111,6 +163,7 @@ pub fn inspect(body: &Body) -> Inspection {
             }),
         },
         stiffness_max_n_per_m: stiffness_max(body),
+        fit_errors: fit_errors(&body.provenance().point_errors),
         provenance: body.provenance().clone(),
     }
 }

@@ -22,9 +22,12 @@ pub mod inspect;
 pub mod law;
 pub mod path;
 pub mod plot;
+pub mod precompute;
+pub mod record;
 pub mod spec;
 pub mod tables;
 pub mod trace;
+pub mod validate;
 pub mod vtu;
 
 pub use palpate_body::{Body, BodyError};

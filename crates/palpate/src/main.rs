@@ -16,6 +16,8 @@ struct Cli {
 enum Command {
     Demo(commands::demo::Args),
     Fit(commands::fit::Args),
+    Precompute(commands::precompute::Args),
+    Merge(commands::merge::Args),
     Inspect(commands::inspect::Args),
     Trace(commands::trace::Args),
     Export(commands::export::Args),
@@ -27,6 +29,8 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Demo(args) => commands::demo::run(&args),
         Command::Fit(args) => commands::fit::run(&args),
+        Command::Precompute(args) => commands::precompute::run(&args),
+        Command::Merge(args) => commands::merge::run(&args),
         Command::Inspect(args) => commands::inspect::run(&args),
         Command::Trace(args) => commands::trace::run(&args),
         Command::Export(args) => commands::export::run(&args),
@@ -41,6 +45,10 @@ fn main() -> ExitCode {
         Err(Failure::Check(message)) => {
             palpate::console::complain(&message);
             ExitCode::from(3)
+        }
+        Err(Failure::Interrupted(message)) => {
+            palpate::console::complain(&message);
+            ExitCode::from(130)
         }
     }
 }

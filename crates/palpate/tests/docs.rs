@@ -62,7 +62,10 @@ fn every_command_runs() {
 
 #[test]
 fn the_specs_examples_are_the_files() {
-    let (text, files) = (read("docs/spec.md"), ["examples/cylinder-law.toml", "examples/fit/lump.toml"]);
+    let (text, files) = (
+        read("docs/spec.md"),
+        ["examples/cylinder-law.toml", "examples/fit/lump.toml", "examples/ball.toml"],
+    );
     let blocks = blocks(&text, "toml");
     assert_eq!(blocks.len(), files.len());
     for (block, file) in blocks.iter().zip(files) {

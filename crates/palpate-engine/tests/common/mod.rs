@@ -229,6 +229,7 @@ pub fn body_of(surface: Surface, feel: Feel) -> Body {
         surface,
         responses,
         test_point_nodes: (0..count).collect(),
+        lateral_tensors: None,
         tool: if feel.radius_m > 0.0 { Tool::sphere(feel.radius_m) } else { Tool::point() },
         slip: SlipRule::Paper,
         provenance: Provenance::default(),

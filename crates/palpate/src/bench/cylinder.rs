@@ -54,6 +54,7 @@ pub fn cylinder(triangles: usize) -> Result<Body> {
         test_point_nodes: test_point_nodes.collect(),
         surface,
         responses,
+        lateral_tensors: None,
         tool: Tool::point(),
         slip: SlipRule::Paper,
         provenance: Provenance::default(),

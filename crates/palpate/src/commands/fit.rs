@@ -118,12 +118,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         spec: spec.as_ref().map(|s| s.text.clone()),
         inputs: digests(&inputs)?,
         notes: notes.clone(),
+        point_errors: Vec::new(),
     };
     let body = Body::new(BodyParts {
         surface,
         mixes,
         responses,
         test_point_nodes,
+        lateral_tensors: None,
         tool: spec.as_ref().map_or_else(Tool::point, |s| s.tool.clone()),
         slip: spec.as_ref().map_or(SlipRule::Paper, |s| s.slip),
         provenance,

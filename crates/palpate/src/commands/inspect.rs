@@ -100,5 +100,30 @@ fn text(i: &Inspection) -> String {
             .iter()
             .map(|s| vec![format!("{:.3}", s.depth_m * 1e3), format!("{:.1}", s.value)]),
     );
-    format!("{out}\n{}", console::table(&rows))
+    out += &format!("\n{}", console::table(&rows));
+    if let Some(e) = &i.fit_errors {
+        let mut rows = vec![
+            ["off from the simulated paths by (%)", "median", "p95", "worst", "worst (N)"]
+                .map(str::to_owned)
+                .to_vec(),
+        ];
+        rows.extend(
+            [
+                ("normal force", e.normal),
+                ("normal force while dragged", e.normal_dragged),
+                ("lateral force while pressed", e.lateral_pressed),
+                ("lateral force while dragged", e.lateral),
+                ("the same, alike in all directions", e.lateral_isotropic),
+            ]
+            .map(|(name, r)| {
+                let percent = [r.median_percent, r.p95_percent, r.worst_percent].map(|x| format!("{x:.2}"));
+                let mut row = vec![name.to_owned()];
+                row.extend(percent);
+                row.push(format!("{:.4}", r.worst_n));
+                row
+            }),
+        );
+        out += &format!("\n{}", console::table(&rows));
+    }
+    out
 }

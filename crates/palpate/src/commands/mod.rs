@@ -5,6 +5,8 @@ pub mod demo;
 pub mod export;
 pub mod fit;
 pub mod inspect;
+pub mod merge;
+pub mod precompute;
 pub mod trace;
 
 /// Why a command did not end with 0.
@@ -14,6 +16,8 @@ pub enum Failure {
     Input(anyhow::Error),
     /// A check fell short: exit status 3.
     Check(String),
+    /// A signal stopped it, and what is done is kept: exit status 130.
+    Interrupted(String),
 }
 
 impl<E: Into<anyhow::Error>> From<E> for Failure {

@@ -43,6 +43,7 @@ pub fn body() -> Result<Body> {
         test_point_nodes: (0..positions.len() as u32).collect(),
         responses: positions.iter().map(response).collect::<Result<_>>()?,
         surface,
+        lateral_tensors: None,
         tool: Tool::point(),
         slip: SlipRule::Paper,
         provenance: Provenance {

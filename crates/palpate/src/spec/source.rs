@@ -2,7 +2,7 @@
 
 use anyhow::{Result, anyhow};
 use std::ops::{Range, RangeInclusive};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use toml::Spanned;
 
 /// The text that spans point into.
@@ -32,6 +32,11 @@ impl Source<'_> {
             start += line.len();
         }
         table
+    }
+
+    /// A file that the spec names, relative to the spec's folder.
+    pub fn beside(&self, file: &Path) -> PathBuf {
+        self.path.parent().unwrap_or(Path::new("")).join(file)
     }
 
     /// A complaint about a value.

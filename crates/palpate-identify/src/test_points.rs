@@ -1,0 +1,237 @@
+//! Which nodes become test points: as far from each other as they can be, then each moved to the middle of its cell.
+//!
+//! Farthest points first (Gonzalez 1985), then Lloyd's iteration onto nodes, with distances along the surface. Edge
+//! collapse would keep original vertices too, but it ends at a number of triangles, not of points, it thins out flat
+//! parts, which are as soft as any, and the library at hand for it is C++.
+//!
+//! Lengths are those of the surface lifted by its normals and by the guide: where the surface turns, or the guide
+//! changes, it is longer, and points are denser.
+
+use crate::error::FitError;
+use crate::geodesic::{Geodesic, NONE, vertex_positions};
+use glam::DVec3;
+use palpate_body::Surface;
+
+/// How many test points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Amount {
+    /// So many.
+    Count(usize),
+    /// As many as lie this far from each other, m.
+    Spacing(f64),
+}
+
+/// Chooses test points among the nodes that `touchable` says can be touched: one entry for each node, which is true
+/// where the tool may come. Some of them lie on its rim, so that little of it lies outside the points' mesh.
+///
+/// `guide`, if given, is a positive number for each node that the response is known to go with, such as the
+/// stiffness of a linear body: points are denser where it changes.
+///
+/// The result ascends, has exactly the count asked for, one node for a vertex, and depends on nothing else.
+///
+/// # Errors
+/// Masks or guides of another length than the nodes, guides that are not positive, a spacing that is not, nothing
+/// that can be touched, or fewer vertices to touch than points.
+pub fn test_points(
+    surface: &Surface,
+    touchable: &[bool],
+    amount: Amount,
+    guide: Option<&[f64]>,
+) -> Result<Vec<u32>, FitError> {
+    let nodes = surface.positions().len();
+    if touchable.len() != nodes {
+        let problem = format!("{} entries for {nodes} nodes", touchable.len());
+        return Err(FitError::invalid("what can be touched", problem, "give one for each node"));
+    }
+    check_guide(guide, nodes)?;
+    let positions = vertex_positions(surface);
+    // The first node of a vertex speaks for it; it can be touched where any of its nodes can.
+    let mut first = vec![NONE; positions.len()];
+    let mut open = vec![false; positions.len()];
+    for (n, &v) in surface.vertices().iter().enumerate() {
+        let v = v as usize;
+        open[v] |= touchable[n];
+        if first[v] == NONE {
+            first[v] = n as u32;
+        }
+    }
+    let available = open.iter().filter(|&&o| o).count();
+    if available == 0 {
+        let (problem, mend) = ("there is nothing", "leave a part of the surface free of supports");
+        return Err(FitError::invalid("what can be touched", problem, mend));
+    }
+    let triangles: Vec<[u32; 3]> =
+        surface.elements().iter().map(|e| e.nodes.map(|n| surface.vertices()[n as usize])).collect();
+    let area: f64 = triangles
+        .iter()
+        .filter(|t| t.iter().all(|&v| open[v as usize]))
+        .map(|t| {
+            let [a, b, c] = t.map(|v| positions[v as usize]);
+            (b - a).cross(c - a).length() / 2.0
+        })
+        .sum();
+    let count = match amount {
+        Amount::Count(count) => count,
+        Amount::Spacing(spacing) if spacing > 0.0 => {
+            // Of a lattice of equilateral triangles; the vertices are enough for any spacing.
+            (area * 2.0 / (3f64.sqrt() * spacing * spacing)).round().clamp(1.0, available as f64) as usize
+        }
+        Amount::Spacing(spacing) => {
+            let problem = format!("the spacing is {spacing} m");
+            return Err(FitError::invalid("test points", problem, "give one greater than 0"));
+        }
+    };
+    if count == 0 || count > available {
+        return Err(FitError::invalid(
+            "test points",
+            format!("{count} are asked for, where the part that can be touched has {available} vertices"),
+            "give a count from 1 to that number, or refine the mesh",
+        ));
+    }
+
+    let lifted = lift(surface, &positions, &first, guide, (area / count as f64).sqrt());
+    let length = |a: u32, b: u32| distance(&lifted[a as usize], &lifted[b as usize]);
+    let mut weights = vec![0.0; positions.len()];
+    for t in &triangles {
+        let [a, b, c] = [length(t[0], t[1]), length(t[1], t[2]), length(t[2], t[0])];
+        // Heron; rounding may take a sliver's area below 0.
+        let s = (a + b + c) / 2.0;
+        let area = (s * (s - a) * (s - b) * (s - c)).max(0.0).sqrt();
+        t.iter().for_each(|&v| weights[v as usize] += area / 3.0);
+    }
+    let mut rim = vec![false; positions.len()];
+    for t in triangles.iter().filter(|t| t.iter().any(|&v| !open[v as usize])) {
+        t.iter().for_each(|&v| rim[v as usize] = open[v as usize]);
+    }
+    for (e, i) in surface.border() {
+        for v in [triangles[e][i], triangles[e][(i + 1) % 3]] {
+            rim[v as usize] = open[v as usize];
+        }
+    }
+    let mut geodesic = Geodesic::new(surface, &length);
+    let mut sources = farthest(&mut geodesic, &lifted, &open, &weights, count);
+    relax(&mut geodesic, &lifted, &open, &rim, &weights, &mut sources);
+    let mut chosen: Vec<u32> = sources.into_iter().map(|v| first[v as usize]).collect();
+    chosen.sort_unstable();
+    Ok(chosen)
+}
+
+pub(crate) fn check_guide(guide: Option<&[f64]>, nodes: usize) -> Result<(), FitError> {
+    let Some(guide) = guide else { return Ok(()) };
+    let bad = |place: String, problem: String, mend: &str| Err(FitError::invalid(place, problem, mend));
+    if guide.len() != nodes {
+        return bad("guide".into(), format!("{} values for {nodes} nodes", guide.len()), "give one for each");
+    }
+    match guide.iter().position(|g| !(*g > 0.0 && g.is_finite())) {
+        Some(n) => bad(format!("guide, node {n}"), format!("it is {}", guide[n]), "give positive numbers"),
+        None => Ok(()),
+    }
+}
+
+/// A point in space, with its normal and guide as further coordinates.
+type Lifted = [f64; 7];
+
+fn distance(a: &Lifted, b: &Lifted) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
+}
+
+/// Vertices, lifted: a turn of 1 rad counts as one spacing, and so does a third of an e-fold change of the guide.
+/// Interpolation between points that far apart would be off by more than the goal of a few percent.
+fn lift(
+    surface: &Surface,
+    positions: &[DVec3],
+    first: &[u32],
+    guide: Option<&[f64]>,
+    spacing: f64,
+) -> Vec<Lifted> {
+    let lift = |(p, &n): (&DVec3, &u32)| {
+        let u = surface.inward_normals()[n as usize] * spacing;
+        let g = guide.map_or(0.0, |g| 3.0 * spacing * g[n as usize].ln());
+        [p.x, p.y, p.z, u.x, u.y, u.z, g]
+    };
+    positions.iter().zip(first).map(lift).collect()
+}
+
+/// The weighted mean of some vertices.
+fn middle(vertices: impl Iterator<Item = u32>, lifted: &[Lifted], weights: &[f64]) -> Lifted {
+    let (mut sum, mut total) = ([0.0; 7], 0.0);
+    for v in vertices {
+        let w = weights[v as usize];
+        sum.iter_mut().zip(lifted[v as usize]).for_each(|(s, x)| *s += w * x);
+        total += w;
+    }
+    sum.map(|s| s / total)
+}
+
+/// Each the farthest of all from those before; the first from the middle of them all. A part that none can reach is
+/// infinitely far.
+fn farthest<L: Fn(u32, u32) -> f64>(
+    geodesic: &mut Geodesic<'_, L>,
+    lifted: &[Lifted],
+    open: &[bool],
+    weights: &[f64],
+    count: usize,
+) -> Vec<u32> {
+    let candidates = || (0..open.len() as u32).filter(|&v| open[v as usize]);
+    let middle = middle(candidates(), lifted, weights);
+    let mut reached = geodesic.unreached();
+    let mut sources = Vec::with_capacity(count);
+    for t in 0..count {
+        let far = |v: u32| {
+            let to_middle = distance(&lifted[v as usize], &middle);
+            (if t == 0 { to_middle } else { reached[v as usize].distance }, to_middle)
+        };
+        let mut best = ((-1.0, -1.0), 0);
+        for v in candidates() {
+            let found = far(v);
+            if found > best.0 {
+                best = (found, v);
+            }
+        }
+        sources.push(best.1);
+        geodesic.spread(&mut reached, std::iter::once((t as u32, best.1)));
+    }
+    sources
+}
+
+/// Moves each point to the vertex nearest to its cell's middle, until none moves or it has been enough. A point on the
+/// rim stays on it, and none other comes there.
+fn relax<L: Fn(u32, u32) -> f64>(
+    geodesic: &mut Geodesic<'_, L>,
+    lifted: &[Lifted],
+    open: &[bool],
+    rim: &[bool],
+    weights: &[f64],
+    sources: &mut [u32],
+) {
+    /// Points creep by less than a vertex after that.
+    const ROUNDS: usize = 30;
+    for _ in 0..ROUNDS {
+        let labels = geodesic.cells(sources);
+        let mut cells = vec![Vec::new(); sources.len()];
+        for (v, &t) in labels.iter().enumerate().filter(|&(v, &t)| t != NONE && open[v]) {
+            cells[t as usize].push(v as u32);
+        }
+        let mut moved = false;
+        for (source, cell) in sources.iter_mut().zip(&cells) {
+            let on_rim = rim[*source as usize];
+            let alike = || cell.iter().copied().filter(|&v| rim[v as usize] == on_rim);
+            let middle = if on_rim {
+                middle(alike(), lifted, weights)
+            } else {
+                middle(cell.iter().copied(), lifted, weights)
+            };
+            let mut best = (distance(&lifted[*source as usize], &middle), *source);
+            for v in alike() {
+                let d = distance(&lifted[v as usize], &middle);
+                if d < best.0 {
+                    best = (d, v);
+                }
+            }
+            moved |= std::mem::replace(source, best.1) != best.1;
+        }
+        if !moved {
+            break;
+        }
+    }
+}
