@@ -2,7 +2,7 @@
 
 pub mod assemble;
 pub mod prepare;
-mod progress;
+pub(crate) mod progress;
 pub mod run;
 mod stand_in;
 pub mod volume;
@@ -11,6 +11,22 @@ mod workspace;
 pub use run::{Options, Prepared, Shard, Solver, Stopped, merge};
 pub(crate) use stand_in::HalfSpace;
 pub use workspace::Workspace;
+
+/// What finds the paths of a prepared spec.
+///
+/// # Errors
+/// The tool's size is not known.
+pub fn solver(
+    _: prepare::Physics,
+    scene: &crate::record::Scene,
+    simulation: &crate::spec::Simulation,
+) -> anyhow::Result<impl Solver + use<>> {
+    Ok(HalfSpace {
+        shear_modulus_pa: simulation.material.shear_modulus_pa(),
+        radius_m: volume::tool_radius(simulation)?,
+        nodes: scene.boundary_m.len(),
+    })
+}
 
 /// What a path that ended early, or a point that could not be pressed at all, is told as.
 pub fn stops(

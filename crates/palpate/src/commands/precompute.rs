@@ -3,9 +3,7 @@
 use super::Failure;
 use crate::precompute::assemble::{self, Report};
 use crate::precompute::prepare::{inputs_of, plan, prepare};
-use crate::precompute::HalfSpace;
-use crate::precompute::volume::tool_radius;
-use crate::precompute::{Options, Prepared, Shard, Stopped, run};
+use crate::precompute::{Options, Prepared, Shard, Stopped, run, solver};
 use crate::spec::Spec;
 use crate::{console, files};
 use anyhow::anyhow;
@@ -73,15 +71,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         shard: args.shard,
     };
     let ready = || {
-        let Prepared { scene, points, solver: _ } = prepare(&spec, &simulation, &args.spec)?;
+        let Prepared { scene, points, solver: physics } = prepare(&spec, &simulation, &args.spec)?;
         scene.notes.iter().for_each(|note| console::note(note));
         let paths: usize = points.iter().map(|p| 1 + p.plan.drags.len()).sum();
         console::note(&format!("{} test points, {paths} paths, {} at a time", points.len(), options.jobs));
-        let solver = HalfSpace {
-            shear_modulus_pa: simulation.material.shear_modulus_pa(),
-            radius_m: tool_radius(&simulation)?,
-            nodes: scene.boundary_m.len(),
-        };
+        let solver = solver(physics, &scene, &simulation)?;
         Ok(Prepared { scene, points, solver })
     };
     let (whole, workspace) = match run::run(&plan, &options, ready, &CANCELLED) {
@@ -139,6 +133,6 @@ pub(super) fn beside(path: &Path, more: &str) -> PathBuf {
     name.into()
 }
 
-fn cores() -> usize {
+pub(super) fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
