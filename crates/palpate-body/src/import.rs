@@ -6,7 +6,8 @@
 //! text; ply-rs-bw loops over a header's count whatever the file holds, and rounds text to 32 bits; vtkio slices
 //! and allocates by sizes found in the file. They serve the tests, as independent writers.
 
-mod cursor;
+pub mod cursor;
+mod grid;
 mod obj;
 mod off;
 mod ply;
@@ -17,11 +18,13 @@ mod vtk_xml;
 use crate::error::{BodyError, Result};
 use crate::repair::check_positions;
 use crate::surface::{MAX_ELEMENTS, TriangleMesh};
-use cursor::Cursor;
+use cursor::{Cursor, number, quote, truncated};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::io::Read;
 use std::path::Path;
+
+pub use grid::{Cells, Grid};
 
 /// Files beyond this are refused, bytes.
 pub const MAX_FILE_BYTES: u64 = 4 << 30;
@@ -51,7 +54,7 @@ impl LengthUnit {
     }
 
     /// Units in one metre: dividing by a whole number rounds once, multiplying by 0.001 twice.
-    fn per_metre(self) -> f64 {
+    pub fn per_metre(self) -> f64 {
         match self {
             LengthUnit::Metre => 1.0,
             LengthUnit::Centimetre => 100.0,
@@ -142,7 +145,11 @@ impl Format {
     }
 }
 
-fn load(path: &Path) -> Result<Vec<u8>> {
+/// A file's bytes.
+///
+/// # Errors
+/// It cannot be read, or is larger than [`MAX_FILE_BYTES`].
+pub fn load(path: &Path) -> Result<Vec<u8>> {
     let io = |e| BodyError::io(path, e);
     let mut bytes = Vec::new();
     let file = std::fs::File::open(path).map_err(io)?;
@@ -163,8 +170,8 @@ fn parse(bytes: &[u8], format: Format, unit: LengthUnit) -> Result<TriangleMesh>
         Format::Stl => stl::parse(bytes),
         Format::Ply => ply::parse(bytes),
         Format::Off => off::parse(bytes),
-        Format::Vtk => vtk::parse(bytes),
-        Format::VtkXml => vtk_xml::parse(bytes),
+        Format::Vtk => vtk::read(bytes, &[]).and_then(vtk::surface),
+        Format::VtkXml => vtk_xml::read(bytes, &[]).and_then(vtk::surface),
     }?;
     if triangles.is_empty() {
         let problem = "there is no triangle in it, only points or lines at most";
@@ -187,16 +194,7 @@ struct Soup {
 impl Soup {
     /// Adds a vertex; `place` says where it was read.
     fn vertex(&mut self, p: [f64; 3], place: impl Fn() -> String) -> Result<()> {
-        if let Some(x) = p.iter().find(|x| !x.is_finite()) {
-            let (vertex, mend) = (self.positions.len(), "mend the coordinate, or export the mesh again");
-            let problem = format!("a coordinate of vertex {vertex} is {x}, not a finite number");
-            return Err(BodyError::invalid(place(), problem, mend));
-        }
-        if self.positions.len() >= MAX_ELEMENTS {
-            return Err(BodyError::invalid(place(), "more than 1.4 billion vertices", "decimate the mesh"));
-        }
-        self.positions.push(DVec3::from_array(p));
-        Ok(())
+        add_vertex(&mut self.positions, p, place)
     }
 
     /// Adds a polygon of checked corners as a fan.
@@ -213,6 +211,19 @@ impl Soup {
     }
 }
 
+fn add_vertex(positions: &mut Vec<DVec3>, p: [f64; 3], place: impl Fn() -> String) -> Result<()> {
+    if let Some(x) = p.iter().find(|x| !x.is_finite()) {
+        let (vertex, mend) = (positions.len(), "mend the coordinate, or export the mesh again");
+        let problem = format!("a coordinate of vertex {vertex} is {x}, not a finite number");
+        return Err(BodyError::invalid(place(), problem, mend));
+    }
+    if positions.len() >= MAX_ELEMENTS {
+        return Err(BodyError::invalid(place(), "more than 1.4 billion vertices", "decimate the mesh"));
+    }
+    positions.push(DVec3::from_array(p));
+    Ok(())
+}
+
 fn few_corners(place: String, corners: usize) -> BodyError {
     BodyError::invalid(place, format!("a face of {corners} vertices"), "remove it, or give it at least three")
 }
@@ -224,26 +235,4 @@ fn index(value: f64, count: usize, place: impl Fn() -> String) -> Result<u32> {
     }
     let problem = format!("it names vertex {value}, but there are {count} (counted from 0)");
     Err(BodyError::invalid(place(), problem, "mend the index, or export the mesh again"))
-}
-
-/// Text from a file for a message: short, on one line.
-fn quote(bytes: &[u8]) -> String {
-    let text = bytes[..bytes.len().min(40)].escape_ascii();
-    if bytes.len() > 40 { format!("`{text}...`") } else { format!("`{text}`") }
-}
-
-fn number(word: &[u8], place: impl Fn() -> String) -> Result<f64> {
-    std::str::from_utf8(word).ok().and_then(|w| w.parse().ok()).ok_or_else(|| {
-        BodyError::invalid(
-            place(),
-            format!("{} is not a number", quote(word)),
-            "mend it, or export the mesh again",
-        )
-    })
-}
-
-/// The file ends, or a number is larger than what follows can hold.
-fn truncated(place: String, what: &str) -> BodyError {
-    let mend = "the file is cut short or damaged: export or copy it again";
-    BodyError::invalid(place, format!("the file ends before {what}"), mend)
 }

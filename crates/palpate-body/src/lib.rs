@@ -47,6 +47,6 @@ pub use body::{Body, BodyParts, Node, NodeMix, PointErrors, Provenance, SlipRule
 pub use curve::{Curve, Extension, Interpolation};
 pub use error::{BodyError, Result};
 pub use response::{Response, Responses, Rows, Sample};
-pub use search::{Nearest, SurfacePoint, Touch};
+pub use search::{MeshSearch, Nearest, SurfacePoint, Touch};
 pub use surface::{Element, NO_TWIN, Surface, TriangleMesh};
 pub use tensor::Tensor;

@@ -5,6 +5,7 @@
 //! without allocation, without panics.
 
 use crate::body::Body;
+use crate::surface::TriangleMesh;
 use glam::DVec3;
 
 const FANOUT: usize = 8;
@@ -213,21 +214,21 @@ impl Search {
             }
         }
     }
-}
 
-impl Body {
-    /// The surface point nearest to `p`, if one is nearer than `max_distance` (m).
-    ///
-    /// # Real-time
-    /// Bounded by the number of elements, in practice logarithmic; no allocation, never panics.
-    pub fn nearest(&self, p: DVec3, max_distance: f64) -> Option<Nearest> {
+    /// The nearest point and its distance squared, if below the bound. `corners` gives an element's.
+    #[inline]
+    fn nearest(
+        &self,
+        p: DVec3,
+        max_distance: f64,
+        corners: impl Fn(u32) -> [DVec3; 3],
+    ) -> Option<(SurfacePoint, f64)> {
         let mut best: Option<(SurfacePoint, f64)> = None;
-        let bound = max_distance * max_distance;
-        self.search.walk(
-            bound,
+        self.walk(
+            max_distance * max_distance,
             |b| b.distance_squared(p),
             |element, bound| {
-                let corners = self.corners(element);
+                let corners = corners(element);
                 let n = nearest_on_triangle(p, corners);
                 let d = (point(corners, n) - p).length_squared();
                 if d < bound || (best.is_none() && d <= bound) {
@@ -237,6 +238,53 @@ impl Body {
                 bound
             },
         );
+        best
+    }
+}
+
+/// Nearest points of a bare triangle mesh, with nothing promised of it.
+#[derive(Debug, Clone)]
+pub struct MeshSearch {
+    search: Search,
+    /// Along the tree's curve: what is near in space is near in memory.
+    corners: Vec<[DVec3; 3]>,
+    /// The mesh's number of each of these triangles.
+    triangles: Vec<u32>,
+}
+
+impl MeshSearch {
+    /// Builds the tree.
+    ///
+    /// # Panics
+    /// On a triangle that names a vertex that is not there.
+    pub fn new(mesh: &TriangleMesh) -> Self {
+        let mut search = Search::build(&mesh.positions, &mesh.triangles);
+        let triangles = std::mem::take(&mut search.order);
+        let corners: Vec<_> = triangles
+            .iter()
+            .map(|&t| mesh.triangles[t as usize].map(|v| mesh.positions[v as usize]))
+            .collect();
+        search.order = (0..corners.len() as u32).collect();
+        MeshSearch { search, corners, triangles }
+    }
+
+    /// The mesh's point nearest to `p`, if one is within `max_distance` (m), the triangle's number as its element;
+    /// and the point itself, m.
+    pub fn nearest(&self, p: DVec3, max_distance: f64) -> Option<(SurfacePoint, DVec3)> {
+        let corners = |slot: u32| self.corners.get(slot as usize).copied().unwrap_or([DVec3::NAN; 3]);
+        let (at, _) = self.search.nearest(p, max_distance, corners)?;
+        let element = self.triangles.get(at.element as usize).copied()?;
+        Some((SurfacePoint { element, n: at.n }, point(corners(at.element), at.n)))
+    }
+}
+
+impl Body {
+    /// The surface point nearest to `p`, if one is nearer than `max_distance` (m).
+    ///
+    /// # Real-time
+    /// Bounded by the number of elements, in practice logarithmic; no allocation, never panics.
+    pub fn nearest(&self, p: DVec3, max_distance: f64) -> Option<Nearest> {
+        let best = self.search.nearest(p, max_distance, |element| self.corners(element));
         best.map(|(at, d)| Nearest { at, distance: d.sqrt(), outside: self.is_outside(p, at) })
     }
 

@@ -211,9 +211,11 @@ impl<'t> ToolContact<'t> {
             let fresh = Anchor { place: touch.at - self.pose.tip, normal: touch.normal };
             anchors[f][q] = Some(touch.anchor.unwrap_or(fresh));
         });
-        let let_go = self.anchors.iter().zip(&anchors).any(|(old, new)| {
-            old.iter().zip(new).any(|(old, new)| old.is_some() && new.is_none())
-        });
+        let let_go = self
+            .anchors
+            .iter()
+            .zip(&anchors)
+            .any(|(old, new)| old.iter().zip(new).any(|(old, new)| old.is_some() && new.is_none()));
         self.anchors = anchors;
         let_go
     }

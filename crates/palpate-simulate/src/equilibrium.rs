@@ -13,7 +13,7 @@ use crate::stiffness::Stiffness;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Residual forces (their 2-norm over all free unknowns) are below this share of the reaction.
-const TOLERANCE: f64 = 5e-7;
+const TOLERANCE: f64 = 1e-6;
 
 /// Newton steps for one equilibrium; beyond, the load step is cut.
 const MAX_NEWTON: u32 = 60;
@@ -23,6 +23,9 @@ const MAX_HALVINGS: u32 = 30;
 
 /// Conjugate-gradient iterations that a fresh factor needs: they are not counted as wasted.
 const FRESH: f64 = 4.0;
+
+/// How well the first Newton step is solved: the extrapolated guess leaves about this share to the second.
+const FIRST_FORCING: f64 = 1e-2;
 
 /// Iterations of one solve, whatever the factor.
 const MAX_CONJUGATE: u32 = 200;
@@ -231,13 +234,14 @@ impl<'m> Solver<'m> {
         if !energy.is_finite() {
             return Err(Failure::Inverted);
         }
-        let mut last_norm = f64::INFINITY;
+        let mut last_norm = None;
         for iteration in 0..MAX_NEWTON {
             if cancelled.load(Ordering::Relaxed) {
                 return Err(Failure::Cancelled);
             }
             let norm = self.free_norm(&self.gradient);
-            let target = TOLERANCE * load.reaction(self.model, &self.u, &self.gradient).max(self.model.least_force_n);
+            let target =
+                TOLERANCE * load.reaction(self.model, &self.u, &self.gradient).max(self.model.least_force_n);
             if norm <= target {
                 return Ok(iteration);
             }
@@ -246,9 +250,10 @@ impl<'m> Solver<'m> {
             }
             self.counts.newton += 1;
             // Solved no better than the linear model is good (Eisenstat & Walker 1996, choice 2).
-            let forcing = (0.9 * (norm / last_norm).powi(2)).clamp(1e-4, 0.1);
+            let forcing = last_norm.map_or(FIRST_FORCING, |last: f64| 0.9 * (norm / last).powi(2));
+            let forcing = forcing.clamp(1e-4, 0.1);
             let tolerance = (forcing * norm).max(0.5 * target);
-            last_norm = norm;
+            last_norm = Some(norm);
             let gradient = std::mem::take(&mut self.gradient);
             let d = self.direction(&gradient, tolerance);
             let slope = dot(&gradient, &d);
@@ -295,7 +300,9 @@ impl<'m> Solver<'m> {
             if last.is_finite() {
                 last += load.energy(self.model, &self.u);
             }
-            if last <= energy + DECREASE * scale * slope || (scale * -slope <= noise && last <= energy + noise) {
+            if last <= energy + DECREASE * scale * slope
+                || (scale * -slope <= noise && last <= energy + noise)
+            {
                 self.trial = start;
                 return Ok(self.assemble(load));
             }

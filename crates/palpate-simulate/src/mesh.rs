@@ -1,5 +1,11 @@
 //! Tetrahedra with ten nodes, in which all is computed.
 
+pub mod import;
+pub mod distance;
+mod octree;
+pub mod shape;
+pub mod stuffing;
+
 use glam::DVec3;
 use std::collections::{BTreeMap, HashMap};
 

@@ -51,7 +51,8 @@ impl Model {
     /// An element that is folded, a region without a material, a material that is none, a support on a node that
     /// does not exist, or supports that do not hold the body.
     pub fn new(mesh: TetMesh, materials: Vec<Material>, fixed: &[Fixed]) -> Result<Self> {
-        let invalid = |place: String, problem: String, mend: &str| Err(SimulateError::invalid(place, problem, mend));
+        let invalid =
+            |place: String, problem: String, mend: &str| Err(SimulateError::invalid(place, problem, mend));
         if mesh.elements.is_empty() {
             return invalid("mesh".into(), "it has no tetrahedra".into(), "export a volume mesh");
         }
@@ -73,7 +74,8 @@ impl Model {
         for (e, element) in mesh.elements.iter().enumerate() {
             let nodes = element.map(|n| mesh.positions[n as usize]);
             let Some(element) = gauss_points(nodes) else {
-                let place = format!("element {e} near ({:.4}, {:.4}, {:.4}) m", nodes[0].x, nodes[0].y, nodes[0].z);
+                let place =
+                    format!("element {e} near ({:.4}, {:.4}, {:.4}) m", nodes[0].x, nodes[0].y, nodes[0].z);
                 return invalid(place, "it is folded or flat".into(), "mend the mesh there, or mesh anew");
             };
             points.push(element);
@@ -91,8 +93,10 @@ impl Model {
         let pattern = Pattern::new(rest.len(), &elements);
         let symbolic = Symbolic::new(&pattern);
         let tissues: Vec<Tissue> = materials.into_iter().map(Tissue::new).collect();
-        let softest = tissues.iter().map(|t| t.material.small_strain().shear_pa).fold(f64::INFINITY, f64::min);
-        let smallest = points.iter().map(|p| p.iter().map(|q| q.volume).sum::<f64>()).fold(f64::INFINITY, f64::min);
+        let softest =
+            tissues.iter().map(|t| t.material.small_strain().shear_pa).fold(f64::INFINITY, f64::min);
+        let smallest =
+            points.iter().map(|p| p.iter().map(|q| q.volume).sum::<f64>()).fold(f64::INFINITY, f64::min);
         let mut model = Model {
             boundary: mesh.boundary(),
             regions: mesh.regions.clone(),
@@ -114,7 +118,11 @@ impl Model {
         model.assemble(&zero, &mut vec![0.0; zero.len()], &mut stiffness);
         let Ok(factor) = model.symbolic.factor(&model.pattern, &stiffness, &model.held) else {
             let mend = "hold it with [[body.fixed]]: at three points at least that are not on one line";
-            return invalid("supports".into(), "they do not hold the body, or a part of it is free".into(), mend);
+            return invalid(
+                "supports".into(),
+                "they do not hold the body, or a part of it is free".into(),
+                mend,
+            );
         };
         model.rest_stiffness = stiffness;
         model.rest_factor = factor;

@@ -28,6 +28,17 @@ impl Model {
         plan: &PointPlan,
         cancelled: &AtomicBool,
     ) -> Option<PointPaths> {
+        self.simulate_counted(tool, contact, plan, cancelled).map(|(paths, _)| paths)
+    }
+
+    /// [`Model::simulate`], with what the solves took.
+    pub fn simulate_counted(
+        &self,
+        tool: &Tool,
+        contact: Contact,
+        plan: &PointPlan,
+        cancelled: &AtomicBool,
+    ) -> Option<(PointPaths, Counts)> {
         let surface = self.entry(plan);
         let start = Pose { tip: surface, rotation: frame(plan.inward) };
         let walker = match contact {
@@ -207,7 +218,7 @@ impl<'m, 't> Walker<'m, 't> {
         walker
     }
 
-    fn run(mut self, plan: &PointPlan, cancelled: &AtomicBool) -> Option<PointPaths> {
+    fn run(mut self, plan: &PointPlan, cancelled: &AtomicBool) -> Option<(PointPaths, Counts)> {
         let mut paths = PointPaths::default();
         let mut pressed: Vec<Option<Snapshot>> = Vec::new();
         for (i, &depth) in plan.depths.iter().enumerate() {
@@ -245,7 +256,7 @@ impl<'m, 't> Walker<'m, 't> {
             }
             paths.drags.push(path);
         }
-        Some(paths)
+        Some((paths, self.solver.counts))
     }
 
     fn restore(&mut self, snapshot: &Snapshot) {

@@ -521,3 +521,29 @@ fn parameters_are_checked() {
     let with_ratio = Material::mooney_rivlin(1000.0, 700.0, nu).unwrap().small_strain();
     assert!((with_ratio.poisson_ratio() - 0.45).abs() < 1e-12);
 }
+
+/// Prints what an evaluation costs: `cargo test --release -p palpate-simulate --test materials -- --ignored --nocapture`.
+#[test]
+#[ignore = "prints figures, judges nothing"]
+fn cost() {
+    let noise = &mut Noise(17);
+    let deformations: Vec<Tensor> = (0..256).map(|_| noise.near_one(0.25)).collect();
+    let mut out = Density::default();
+    for material in laws() {
+        let mut best = [f64::INFINITY; 3];
+        for _ in 0..200 {
+            let mut time = |n: usize, run: &mut dyn FnMut(&Tensor)| {
+                let start = std::time::Instant::now();
+                deformations.iter().for_each(&mut *run);
+                best[n] = best[n].min(start.elapsed().as_nanos() as f64 / 256.0);
+            };
+            time(0, &mut |f| material.distortion(f, std::hint::black_box(&mut out)));
+            time(1, &mut |f| _ = std::hint::black_box(material.distortion_stress(f)));
+            time(2, &mut |f| _ = std::hint::black_box(material.distortion_energy(f)));
+        }
+        println!(
+            "{:4.0} ns with tangent, {:4.0} stress, {:4.0} energy: {material:?}",
+            best[0], best[1], best[2]
+        );
+    }
+}

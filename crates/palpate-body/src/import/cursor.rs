@@ -1,17 +1,43 @@
 //! A place in a file: lines, words and bytes from there on, each with its line for messages.
 
-use super::{number, truncated};
-use crate::error::Result;
+use crate::error::{BodyError, Result};
+
+/// Text from a file for a message: short, on one line.
+pub fn quote(bytes: &[u8]) -> String {
+    let text = bytes[..bytes.len().min(40)].escape_ascii();
+    if bytes.len() > 40 { format!("`{text}...`") } else { format!("`{text}`") }
+}
+
+/// A word as a number; `place` says where it was read.
+///
+/// # Errors
+/// It is none.
+pub fn number(word: &[u8], place: impl Fn() -> String) -> Result<f64> {
+    std::str::from_utf8(word).ok().and_then(|w| w.parse().ok()).ok_or_else(|| {
+        BodyError::invalid(
+            place(),
+            format!("{} is not a number", quote(word)),
+            "mend it, or export the mesh again",
+        )
+    })
+}
+
+/// The file ends, or a number is larger than what follows can hold.
+pub fn truncated(place: String, what: &str) -> BodyError {
+    let mend = "the file is cut short or damaged: export or copy it again";
+    BodyError::invalid(place, format!("the file ends before {what}"), mend)
+}
 
 /// Reads forwards and never beyond the end.
-#[derive(Clone)]
-pub(super) struct Cursor<'a> {
+#[derive(Debug, Clone)]
+pub struct Cursor<'a> {
     bytes: &'a [u8],
     at: usize,
     line: usize,
 }
 
 impl<'a> Cursor<'a> {
+    /// At the first byte.
     pub fn new(bytes: &'a [u8]) -> Self {
         Cursor { bytes, at: 0, line: 1 }
     }
@@ -21,14 +47,17 @@ impl<'a> Cursor<'a> {
         self.line
     }
 
+    /// The line, for a message.
     pub fn place(&self) -> String {
         format!("line {}", self.line)
     }
 
+    /// The byte, from 0, for a message.
     pub fn byte_place(&self) -> String {
         format!("byte {}", self.at)
     }
 
+    /// All that follows.
     pub fn rest(&self) -> &'a [u8] {
         &self.bytes[self.at..]
     }
@@ -65,12 +94,18 @@ impl<'a> Cursor<'a> {
     }
 
     /// The next word as a number.
+    ///
+    /// # Errors
+    /// The file ends before `what`; the word is no number.
     pub fn number(&mut self, what: &str) -> Result<f64> {
         let word = self.word().ok_or_else(|| truncated(self.place(), what))?;
         number(word, || self.place())
     }
 
     /// The next bytes.
+    ///
+    /// # Errors
+    /// The file ends before `what`.
     pub fn take(&mut self, count: usize, what: &str) -> Result<&'a [u8]> {
         let bytes = self.rest().get(..count).ok_or_else(|| truncated(self.byte_place(), what))?;
         self.at += count;
@@ -78,9 +113,10 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// Number formats of PLY and VTK.
+/// Number formats of binary files.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Scalar {
+#[expect(missing_docs, reason = "the names say it: integers and floating-point numbers of so many bits")]
+pub enum Scalar {
     I8,
     U8,
     I16,
@@ -94,6 +130,7 @@ pub(super) enum Scalar {
 }
 
 impl Scalar {
+    /// Bytes of one.
     pub fn size(self) -> usize {
         match self {
             Scalar::I8 | Scalar::U8 => 1,

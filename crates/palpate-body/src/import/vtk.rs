@@ -1,46 +1,13 @@
-//! Legacy VTK, text and binary (big-endian): polygonal data and the surface cells of an unstructured grid.
+//! Legacy VTK, text and binary (big-endian): polygonal data and unstructured grids; what of a grid is a surface.
 
 use super::cursor::Scalar;
-use super::{BodyError, Cursor, Result, Soup, index, quote, truncated};
+use super::{BodyError, Cursor, Grid, Result, Soup, quote, truncated};
 
-/// Cells as VTK's newer files keep them: where each ends in a list of vertices.
-pub(super) struct Cells {
-    pub ends: Vec<f64>,
-    pub vertices: Vec<f64>,
-}
-
-impl Cells {
-    /// The vertices of each cell, checked to lie within the `count` that follow vertex `first`.
-    pub fn each(
-        &self,
-        place: &str,
-        first: usize,
-        count: usize,
-        mut visit: impl FnMut(usize, &[u32]) -> Result<()>,
-    ) -> Result<()> {
-        let (mut start, mut corners) = (0, Vec::new());
-        for (c, &end) in self.ends.iter().enumerate() {
-            let place = || format!("{place} {c}");
-            if !(end >= start as f64 && end <= self.vertices.len() as f64) {
-                let problem = format!("it ends at {end} of {} vertex numbers", self.vertices.len());
-                return Err(BodyError::invalid(place(), problem, "export the mesh again"));
-            }
-            corners.clear();
-            for &v in &self.vertices[start..end as usize] {
-                corners.push(first as u32 + index(v, count, place)?);
-            }
-            visit(c, &corners)?;
-            start = end as usize;
-        }
-        Ok(())
-    }
-}
-
-pub(super) fn add_polygon(soup: &mut Soup, cell: usize, corners: &[u32]) -> Result<()> {
+fn add_polygon(soup: &mut Soup, cell: usize, corners: &[u32]) -> Result<()> {
     soup.polygon(corners, || format!("polygon {cell}"))
 }
 
-pub(super) fn add_strip(soup: &mut Soup, cell: usize, corners: &[u32]) -> Result<()> {
+fn add_strip(soup: &mut Soup, cell: usize, corners: &[u32]) -> Result<()> {
     for (i, t) in corners.windows(3).enumerate() {
         let turned = if i % 2 == 0 { [t[0], t[1], t[2]] } else { [t[1], t[0], t[2]] };
         soup.polygon(&turned, || format!("strip {cell}"))?;
@@ -49,13 +16,13 @@ pub(super) fn add_strip(soup: &mut Soup, cell: usize, corners: &[u32]) -> Result
 }
 
 /// A cell by its VTK type: surfaces are taken, points and lines passed over, solids refused.
-pub(super) fn add_cell(soup: &mut Soup, cell: usize, kind: f64, corners: &[u32]) -> Result<()> {
-    match (kind as u32, corners) {
+fn add_cell(soup: &mut Soup, cell: usize, kind: u8, corners: &[u32]) -> Result<()> {
+    match (kind, corners) {
         (0..=4 | 21, _) => Ok(()),
         (5 | 7 | 9, _) => add_polygon(soup, cell, corners),
         (6, _) => add_strip(soup, cell, corners),
         (8, &[a, b, c, d]) => add_polygon(soup, cell, &[a, b, d, c]),
-        (10..=14, _) => Err(BodyError::invalid(
+        (10..=14 | 24..=27 | 71, _) => Err(BodyError::invalid(
             format!("cell {cell}"),
             "it is a solid (a tetrahedron or the like), but a surface is needed",
             "extract the surface (ParaView: Extract Surface), or give the file as a volume mesh to a simulation",
@@ -67,7 +34,22 @@ pub(super) fn add_cell(soup: &mut Soup, cell: usize, kind: f64, corners: &[u32])
     }
 }
 
-pub(super) fn parse(bytes: &[u8]) -> Result<Soup> {
+/// The grid's surface; solid cells are refused.
+pub(super) fn surface(grid: Grid) -> Result<Soup> {
+    let mut soup = Soup { positions: grid.points, ..Soup::default() };
+    for (c, corners) in grid.polygons.iter().enumerate() {
+        add_polygon(&mut soup, c, corners)?;
+    }
+    for (c, corners) in grid.strips.iter().enumerate() {
+        add_strip(&mut soup, c, corners)?;
+    }
+    for (c, (corners, kind)) in grid.cells.iter().zip(&grid.kinds).enumerate() {
+        add_cell(&mut soup, c, *kind, corners)?;
+    }
+    Ok(soup)
+}
+
+pub(super) fn read(bytes: &[u8], wanted: &[&str]) -> Result<Grid> {
     let mut cursor = Cursor::new(bytes);
     if !cursor.next_line().is_some_and(|l| l.starts_with(b"# vtk DataFile")) {
         let problem = "the first line is not `# vtk DataFile Version ...`";
@@ -87,17 +69,26 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Soup> {
             return Err(BodyError::invalid(place, problem, "save the mesh as legacy VTK"));
         }
     };
-    File { cursor, binary }.read()
+    File { cursor, binary, wanted, data: None }.read()
 }
 
 struct File<'a> {
     cursor: Cursor<'a>,
     binary: bool,
+    wanted: &'a [&'a str],
+    /// The best array on cells so far, after its rank among those wanted.
+    data: Option<(usize, String, Vec<f64>)>,
+}
+
+/// As the file lists them, unchecked.
+struct Listed {
+    ends: Vec<f64>,
+    vertices: Vec<f64>,
 }
 
 impl File<'_> {
-    fn read(mut self) -> Result<Soup> {
-        let mut soup = Soup::default();
+    fn read(mut self) -> Result<Grid> {
+        let mut grid = Grid::default();
         let (mut polygons, mut strips, mut cells, mut kinds) = (None, None, None, Vec::new());
         while let Some(word) = self.cursor.word() {
             let place = self.cursor.place();
@@ -108,7 +99,7 @@ impl File<'_> {
                     let scalar = self.scalar()?;
                     let values = self.numbers(count.saturating_mul(3), scalar)?;
                     for p in values.chunks_exact(3) {
-                        soup.vertex([p[0], p[1], p[2]], || place.clone())?;
+                        grid.point([p[0], p[1], p[2]], || place.clone())?;
                     }
                 }
                 b"POLYGONS" => polygons = Some(self.cells()?),
@@ -124,30 +115,47 @@ impl File<'_> {
                     self.cursor.next_line();
                     while self.cursor.next_line().is_some_and(|l| !l.trim_ascii().is_empty()) {}
                 }
-                b"FIELD" => self.skip_fields()?,
+                b"FIELD" => self.fields(false)?,
                 // Attributes come after all geometry.
-                b"POINT_DATA" | b"CELL_DATA" => break,
+                b"POINT_DATA" | b"CELL_DATA" if self.wanted.is_empty() => break,
+                b"POINT_DATA" | b"CELL_DATA" => {
+                    self.attributes(word.eq_ignore_ascii_case(b"CELL_DATA"))?;
+                    break;
+                }
                 _ => {
                     let problem = format!("{} is not a part of a surface", quote(word));
                     return Err(BodyError::invalid(place, problem, "save the surface alone, as POLYDATA"));
                 }
             }
         }
-        let count = soup.positions.len();
-        if let Some(cells) = polygons {
-            cells.each("polygon", 0, count, |c, corners| add_polygon(&mut soup, c, corners))?;
+        let count = grid.points.len();
+        if let Some(list) = polygons {
+            grid.polygons.add("polygon", &list.ends, &list.vertices, 0, count)?;
         }
-        if let Some(cells) = strips {
-            cells.each("strip", 0, count, |c, corners| add_strip(&mut soup, c, corners))?;
+        if let Some(list) = strips {
+            grid.strips.add("strip", &list.ends, &list.vertices, 0, count)?;
         }
-        if let Some(cells) = cells {
-            if cells.ends.len() != kinds.len() {
-                let problem = format!("{} cells have {} types", cells.ends.len(), kinds.len());
+        if let Some(list) = cells {
+            if list.ends.len() != kinds.len() {
+                let problem = format!("{} cells have {} types", list.ends.len(), kinds.len());
                 return Err(BodyError::invalid("CELL_TYPES", problem, "export the mesh again"));
             }
-            cells.each("cell", 0, count, |c, corners| add_cell(&mut soup, c, kinds[c], corners))?;
+            grid.cells.add("cell", &list.ends, &list.vertices, 0, count)?;
         }
-        Ok(soup)
+        // A number that is no kind becomes one that isn't read.
+        grid.kinds = kinds.into_iter().map(|k| k as u8).collect();
+        if let Some((_, name, values)) = self.data.take_if(|_| !grid.cells.is_empty()) {
+            if values.len() != grid.cells.len() {
+                let problem = format!("{} numbers for {} cells", values.len(), grid.cells.len());
+                return Err(BodyError::invalid(
+                    format!("cell data {}", quote(name.as_bytes())),
+                    problem,
+                    "export the mesh again",
+                ));
+            }
+            grid.data = Some((name, values));
+        }
+        Ok(grid)
     }
 
     fn data_set(&mut self) -> Result<()> {
@@ -205,7 +213,7 @@ impl File<'_> {
         Ok(bytes.chunks_exact(scalar.size()).map(|b| scalar.value(b, true)).collect())
     }
 
-    fn cells(&mut self) -> Result<Cells> {
+    fn cells(&mut self) -> Result<Listed> {
         let (count, size) = (self.count()?, self.count()?);
         let mut ahead = self.cursor.clone();
         if ahead.word().is_some_and(|w| w.eq_ignore_ascii_case(b"OFFSETS")) {
@@ -217,11 +225,11 @@ impl File<'_> {
             }
             let scalar = self.scalar()?;
             let vertices = self.numbers(size, scalar)?;
-            return Ok(Cells { ends: offsets.into_iter().skip(1).collect(), vertices });
+            return Ok(Listed { ends: offsets.into_iter().skip(1).collect(), vertices });
         }
         let place = self.cursor.place();
         let list = self.numbers(size, Scalar::I32)?;
-        let mut cells = Cells { ends: Vec::new(), vertices: Vec::new() };
+        let mut cells = Listed { ends: Vec::new(), vertices: Vec::new() };
         let mut rest = list.as_slice();
         while let [length, after @ ..] = rest {
             if !(*length >= 0.0 && *length <= after.len() as f64) {
@@ -242,13 +250,104 @@ impl File<'_> {
         Ok(cells)
     }
 
-    fn skip_fields(&mut self) -> Result<()> {
+    /// The arrays of a field.
+    fn fields(&mut self, on_cells: bool) -> Result<()> {
         let _name = self.cursor.word();
         for _ in 0..self.count()? {
-            let _name = self.cursor.word();
+            let name = self.cursor.word().unwrap_or_default();
             let (components, tuples) = (self.count()?, self.count()?);
             let scalar = self.scalar()?;
-            self.numbers(components.saturating_mul(tuples), scalar)?;
+            let values = self.numbers(components.saturating_mul(tuples), scalar)?;
+            if on_cells {
+                self.keep(name, values);
+            }
+            self.metadata();
+        }
+        Ok(())
+    }
+
+    fn keep(&mut self, name: &[u8], values: Vec<f64>) {
+        let rank = self.wanted.iter().position(|w| name.eq_ignore_ascii_case(w.as_bytes()));
+        let Some(rank) = rank else { return };
+        if self.data.as_ref().is_none_or(|(best, ..)| rank < *best) {
+            self.data = Some((rank, String::from_utf8_lossy(name).into_owned(), values));
+        }
+    }
+
+    /// Passes over what VTK 5 writes behind an array: to the next empty line.
+    fn metadata(&mut self) {
+        let mut ahead = self.cursor.clone();
+        if ahead.word().is_some_and(|w| w.eq_ignore_ascii_case(b"METADATA")) {
+            ahead.next_line();
+            while ahead.next_line().is_some_and(|l| !l.trim_ascii().is_empty()) {}
+            self.cursor = ahead;
+        }
+    }
+
+    /// All data on points and cells, from behind the first of their headings to the end.
+    fn attributes(&mut self, mut on_cells: bool) -> Result<()> {
+        let mut count = self.count()?;
+        while let Some(word) = self.cursor.word() {
+            let place = self.cursor.place();
+            let heading = word.to_ascii_uppercase();
+            let components = match heading.as_slice() {
+                b"POINT_DATA" | b"CELL_DATA" => {
+                    on_cells = heading == b"CELL_DATA";
+                    count = self.count()?;
+                    continue;
+                }
+                b"FIELD" => {
+                    self.fields(on_cells)?;
+                    continue;
+                }
+                b"METADATA" => {
+                    self.cursor.next_line();
+                    while self.cursor.next_line().is_some_and(|l| !l.trim_ascii().is_empty()) {}
+                    continue;
+                }
+                b"LOOKUP_TABLE" => {
+                    let (_name, colours) = (self.cursor.word(), self.count()?);
+                    self.numbers(colours.saturating_mul(4), Scalar::U8)?;
+                    continue;
+                }
+                b"SCALARS" | b"GLOBAL_IDS" | b"PEDIGREE_IDS" => 1,
+                b"VECTORS" | b"NORMALS" => 3,
+                b"TENSORS" => 9,
+                b"TENSORS6" => 6,
+                b"TEXTURE_COORDINATES" | b"COLOR_SCALARS" => 0,
+                _ => {
+                    let problem = format!("{} is no data that is read", quote(word));
+                    return Err(BodyError::invalid(place, problem, "save the mesh without it"));
+                }
+            };
+            let name = self.cursor.word().unwrap_or_default();
+            let (mut components, mut scalar) = (components, Scalar::U8);
+            if components == 0 {
+                components = self.count()?;
+            }
+            if heading != b"COLOR_SCALARS" {
+                scalar = self.scalar()?;
+            }
+            if heading == b"SCALARS" {
+                let mut ahead = self.cursor.clone();
+                // The number of components may stand behind the format.
+                if ahead.word().is_some_and(|w| w.iter().all(u8::is_ascii_digit)) {
+                    components = self.count()?;
+                }
+                if !self.cursor.word().is_some_and(|w| w.eq_ignore_ascii_case(b"LOOKUP_TABLE")) {
+                    let problem = format!("the scalars {} have no LOOKUP_TABLE", quote(name));
+                    return Err(BodyError::invalid(
+                        place,
+                        problem,
+                        "save the mesh again with ParaView or meshio",
+                    ));
+                }
+                let _table = self.cursor.word();
+            }
+            let values = self.numbers(components.saturating_mul(count), scalar)?;
+            if on_cells {
+                self.keep(name, values);
+            }
         }
         Ok(())
     }

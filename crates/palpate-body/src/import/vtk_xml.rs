@@ -1,24 +1,29 @@
 //! VTK's XML files, polygonal (VTP) and unstructured (VTU): arrays as text, base64 or raw bytes, plain or zlib.
 
 use super::cursor::Scalar;
-use super::vtk::{Cells, add_cell, add_polygon, add_strip};
-use super::{BodyError, Cursor, MAX_FILE_BYTES, Result, Soup, quote, truncated};
+use super::{BodyError, Cursor, Grid, MAX_FILE_BYTES, Result, quote, truncated};
 use miniz_oxide::inflate::decompress_to_vec_zlib_with_limit;
 
 const MEND: &str = "save it again with ParaView or meshio, best as text";
 
-pub(super) fn parse(bytes: &[u8]) -> Result<Soup> {
-    let file = scan(bytes)?;
-    let mut soup = Soup::default();
+pub(super) fn read(bytes: &[u8], wanted: &[&str]) -> Result<Grid> {
+    let file = scan(bytes, !wanted.is_empty())?;
+    let mut grid = Grid::default();
+    // Of the arrays wanted, the first that there is in any piece.
+    let on_cells = |a: &&Array| a.section == b"CellData";
+    let named =
+        |w: &&&str| file.arrays.iter().filter(on_cells).any(|a| a.name.eq_ignore_ascii_case(w.as_bytes()));
+    let name = wanted.iter().find(named);
+    let mut data = Vec::new();
     for piece in 0..file.pieces {
         let after = |piece: usize| file.arrays.partition_point(|a| a.piece < piece);
         let arrays = &file.arrays[after(piece)..after(piece + 1)];
         let find = |section: &str, name: &str| {
-            let named = |a: &&Array| name.is_empty() || a.name == name.as_bytes();
+            let named = |a: &&Array| name.is_empty() || a.name.eq_ignore_ascii_case(name.as_bytes());
             let array = arrays.iter().find(|a| a.section == section.as_bytes() && named(a));
             array.map(|a| file.numbers(a)).transpose()
         };
-        let first = soup.positions.len();
+        let first = grid.points.len();
         let points = find("Points", "")?.unwrap_or_default();
         for p in points.chunks(3) {
             let &[x, y, z] = p else {
@@ -27,29 +32,39 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Soup> {
                     "the last point's three coordinates",
                 ));
             };
-            soup.vertex([x, y, z], || format!("piece {piece}, Points"))?;
+            grid.point([x, y, z], || format!("piece {piece}, Points"))?;
         }
-        let count = soup.positions.len() - first;
-        let cells = |section: &str| -> Result<Option<Cells>> {
+        let count = grid.points.len() - first;
+        let list = |section: &str| -> Result<Option<(Vec<f64>, Vec<f64>)>> {
             let Some(ends) = find(section, "offsets")? else { return Ok(None) };
-            Ok(Some(Cells { ends, vertices: find(section, "connectivity")?.unwrap_or_default() }))
+            Ok(Some((ends, find(section, "connectivity")?.unwrap_or_default())))
         };
-        if let Some(cells) = cells("Polys")? {
-            cells.each("polygon", first, count, |c, corners| add_polygon(&mut soup, c, corners))?;
+        if let Some((ends, vertices)) = list("Polys")? {
+            grid.polygons.add("polygon", &ends, &vertices, first, count)?;
         }
-        if let Some(cells) = cells("Strips")? {
-            cells.each("strip", first, count, |c, corners| add_strip(&mut soup, c, corners))?;
+        if let Some((ends, vertices)) = list("Strips")? {
+            grid.strips.add("strip", &ends, &vertices, first, count)?;
         }
-        if let Some(cells) = cells("Cells")? {
+        if let Some((ends, vertices)) = list("Cells")? {
             let kinds = find("Cells", "types")?.unwrap_or_default();
-            if kinds.len() != cells.ends.len() {
-                let problem = format!("{} cells have {} types", cells.ends.len(), kinds.len());
+            if kinds.len() != ends.len() {
+                let problem = format!("{} cells have {} types", ends.len(), kinds.len());
                 return Err(BodyError::invalid(format!("piece {piece}, Cells"), problem, MEND));
             }
-            cells.each("cell", first, count, |c, corners| add_cell(&mut soup, c, kinds[c], corners))?;
+            grid.cells.add("cell", &ends, &vertices, first, count)?;
+            grid.kinds.extend(kinds.into_iter().map(|k| k as u8));
+            if let Some(name) = name {
+                let values = find("CellData", name)?.unwrap_or_default();
+                if values.len() != ends.len() {
+                    let problem = format!("`{name}` has {} numbers for {} cells", values.len(), ends.len());
+                    return Err(BodyError::invalid(format!("piece {piece}, CellData"), problem, MEND));
+                }
+                data.extend(values);
+            }
         }
     }
-    Ok(soup)
+    grid.data = name.map(|name| (name.to_string(), data));
+    Ok(grid)
 }
 
 /// What the tags say, and where the arrays are.
@@ -64,7 +79,7 @@ struct File<'a> {
     appended: Option<(&'a [u8], bool)>,
 }
 
-/// A `DataArray` within `Points`, `Polys`, `Strips` or `Cells`.
+/// A `DataArray` within `Points`, `Polys`, `Strips`, `Cells` or `CellData`.
 struct Array<'a> {
     place: String,
     piece: usize,
@@ -137,7 +152,7 @@ fn next_tag(mut bytes: &[u8]) -> Option<(&[u8], Tag<'_>, &[u8])> {
     }
 }
 
-fn scan(bytes: &[u8]) -> Result<File<'_>> {
+fn scan(bytes: &[u8], with_data: bool) -> Result<File<'_>> {
     let mut file = File {
         big_endian: false,
         header: Scalar::U32,
@@ -170,13 +185,18 @@ fn scan(bytes: &[u8]) -> Result<File<'_>> {
                 }
             }
             b"Piece" if !tag.closing => file.pieces += 1,
-            b"Points" | b"Polys" | b"Strips" | b"Cells" => {
+            b"CellData" if !with_data => {}
+            b"Points" | b"Polys" | b"Strips" | b"Cells" | b"CellData" => {
                 section = if tag.closing || tag.empty { b"" } else { tag.name };
             }
             b"DataArray" if !tag.closing && !section.is_empty() && file.pieces > 0 => {
                 let text =
                     if tag.empty { &b""[..] } else { rest.split(|&b| b == b'<').next().unwrap_or_default() };
                 let Some(scalar) = scalar(tag.attribute(b"type").unwrap_or_default()) else {
+                    // Text, say: nobody can ask for it.
+                    if section == b"CellData" {
+                        continue;
+                    }
                     return bad("the array's `type` is none that is read".into());
                 };
                 let format = match tag.attribute(b"format").unwrap_or(b"ascii") {
