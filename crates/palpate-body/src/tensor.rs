@@ -46,7 +46,7 @@ impl Principal {
         let (p, q) = u.any_orthonormal_pair();
         let (pp, qq, pq) = (p.dot(apply(tensor, p)), q.dot(apply(tensor, q)), p.dot(apply(tensor, q)));
         let (mean, half) = (0.5 * (pp + qq), 0.5 * (pp - qq));
-        let spread = half.hypot(pq);
+        let spread = (half * half + pq * pq).sqrt();
         // The half angle of (half, pq), by the larger of its two forms.
         let (x, y) =
             if half >= 0.0 { (spread + half, pq) } else { (pq.abs(), (spread - half) * pq.signum()) };

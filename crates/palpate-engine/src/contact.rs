@@ -287,7 +287,7 @@ impl Contact {
             End::Capped => {
                 flags.capped = true;
                 self.counters.capped += 1;
-                force += field.u_r * (field.pull - field.limit).max(0.0);
+                force += field.u_t * (field.pull - field.limit).max(0.0);
             }
             End::Settled | End::Border => {}
         }

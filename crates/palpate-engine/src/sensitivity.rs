@@ -1,22 +1,139 @@
 //! How fast the force can change: the Lipschitz bound of MODEL 5 at one state, for measuring clicks against.
 
-use crate::field::{Law, Site};
+use crate::field::{Law, NO_DIRECTION, Site};
 use glam::DVec3;
 use palpate_body::{Body, SurfacePoint};
 
-/// L = K + |∂_s f| |∂_x φ| / η, N/m, with K = max(f_z', f_r', f_r/δr) the bound in stick; `None` where η ≤ 0.
+/// L = K + |∂_s f| |∂_x φ| / η, N/m, with K the greatest stiffness in stick, max(f_z', f_r', f_r/δr) on an isotropic
+/// body; `None` where η ≤ 0.
 ///
 /// The slip term is there in stick too: the next step may slip.
 pub(crate) fn lipschitz(body: &Body, law: Law, at: SurfacePoint, tip: DVec3) -> Option<f64> {
     let mut site = Site::new(body, law, at.element);
     let f = site.evaluate(at.n, tip);
-    let drift = site.drift(at.n, &f, f.u_r);
-    // Below a picometre the lateral deflection is rounding, and its direction noise.
-    if f.lateral < 1e-12 {
-        return Some(drift.normal_slope.max(f.pull_slope));
+    let drift = site.drift(at.n, &f, tip, f.u_t);
+    let stick = drift.normal_slope.max(drift.lateral_stiffness);
+    if f.lateral < NO_DIRECTION {
+        return Some(stick);
     }
-    let stick = drift.normal_slope.max(f.pull_slope).max(f.pull / f.lateral);
-    // φ = f_r − μ f_z; its gradient in x lies along u_r and û.
-    let gradient = f.pull_slope.hypot(drift.limit_slope);
+    // φ = |f_t| − μ f_z; its gradient in x has a part in the tangent plane and one along û.
+    let gradient = drift.pull_gradient.hypot(drift.limit_slope);
     (drift.eta > 0.0).then(|| stick + drift.force.length() * gradient / drift.eta)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::field::{Ablation, Field};
+    use palpate_body::shape::{Resolution, Shape};
+    use palpate_body::{BodyParts, NodeMix, Provenance, Response, SlipRule, Tool, tensor};
+
+    /// A ball with responses, and tensors up to `ratio`, that differ from node to node; softening sideways.
+    fn ball(ratio: f64) -> Body {
+        let shape = Shape::Sphere { radius_mm: 30.0 };
+        let edge = Resolution { edge_length_mm: Some(8.0), ..Default::default() };
+        let surface = shape.surface(edge).unwrap();
+        let response = |(n, p): (usize, &DVec3)| {
+            let k = 600.0 * (1.0 + 0.4 * libm::sin(n as f64) + 5.0 * p.x);
+            let lateral = palpate_body::Curve::hermite(
+                &[0.0, 4e-3],
+                &[0.0, 2e-3 * k],
+                &[k, 0.3 * k],
+                palpate_body::Extension::Linear,
+            );
+            let paper = Response::paper(k, k, 0.2 + p.y, 8e-3, 4e-3).unwrap();
+            Response { lateral: lateral.unwrap(), ..paper }
+        };
+        let tensor = |(n, u): (usize, &DVec3)| {
+            let axis = DVec3::new(libm::sin(n as f64), libm::cos(2.0 * n as f64), 0.3);
+            tensor::along(axis, 1.0 + (ratio - 1.0) * libm::sin(3.0 * n as f64).abs(), *u).unwrap()
+        };
+        let count = surface.positions().len() as u32;
+        Body::new(BodyParts {
+            mixes: (0..count).map(NodeMix::own).collect(),
+            responses: surface.positions().iter().enumerate().map(response).collect(),
+            test_point_nodes: (0..count).collect(),
+            lateral_tensors: Some(surface.inward_normals().iter().enumerate().map(tensor).collect()),
+            surface,
+            tool: Tool::sphere(2e-3),
+            slip: SlipRule::Paper,
+            provenance: Provenance::default(),
+        })
+        .unwrap()
+    }
+
+    /// |x − y| within 10⁻⁵ of the larger, or of 1 N/m.
+    fn alike(x: DVec3, y: DVec3) -> bool {
+        (x - y).length() < 1e-5 * (1.0 + x.length().max(y.length()))
+    }
+
+    #[test]
+    fn derivatives_are_those_of_finite_differences() {
+        let mut seed = 7u64;
+        let mut unit = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (seed >> 11) as f64 / (1u64 << 53) as f64
+        };
+        let bodies = [1.0, 3.0, 60.0].map(ball);
+        for case in 0..2000 {
+            let body = &bodies[case % 3];
+            let ablation = [Ablation::None, Ablation::Coordinates, Ablation::Responses, Ablation::Both];
+            let law = Law { ablation: ablation[case / 3 % 4], radius_m: 2e-3 };
+            let element = (unit() * body.elements().len() as f64) as u32;
+            let (a, b) = (0.2 + 0.3 * unit(), 0.2 + 0.3 * unit());
+            let n = [a, b, 1.0 - a - b];
+            let mut site = Site::new(body, law, element);
+            let u = site.evaluate(n, DVec3::ZERO).u();
+            let c = body.point(SurfacePoint { element, n });
+            let aside = DVec3::new(unit() - 0.5, unit() - 0.5, unit() - 0.5) * 3e-3;
+            let tip = c + u * (1e-3 * unit() - 1e-3) + (aside - u * aside.dot(u));
+            let f = site.evaluate(n, tip);
+            if f.lateral < 3e-4 {
+                continue;
+            }
+
+            // f = ∂W/∂x, and its own derivative in x.
+            let h = 5e-8;
+            let mut at = |tip: DVec3| site.evaluate(n, tip);
+            let mut gradient = DVec3::ZERO;
+            let mut pull_gradient = DVec3::ZERO;
+            let mut stiffness = [DVec3::ZERO; 3];
+            for (i, e) in DVec3::AXES.into_iter().enumerate() {
+                let (up, down) = (at(tip + e * h), at(tip - e * h));
+                gradient += e * ((up.energy - down.energy) / (2.0 * h));
+                pull_gradient += e * ((up.pull - down.pull) / (2.0 * h));
+                stiffness[i] = (up.force() - down.force()) / (2.0 * h);
+            }
+            assert!((gradient - f.force()).length() < 1e-6 * (1.0 + f.force().length()));
+
+            let v = if case % 2 == 0 { f.u_t } else { (f.u_t + u.cross(f.u_t) * 0.7).normalize() };
+            let drift = site.drift(n, &f, tip, v);
+            assert!(
+                (pull_gradient.length() - drift.pull_gradient).abs() < 1e-5 * (1.0 + drift.pull_gradient)
+            );
+            let bound = drift.lateral_stiffness.max(drift.normal_slope);
+            for _ in 0..4 {
+                let e = DVec3::new(unit() - 0.5, unit() - 0.5, unit() - 0.5).normalize();
+                let change = stiffness[0] * e.x + stiffness[1] * e.y + stiffness[2] * e.z;
+                assert!(change.length() <= bound * (1.0 + 1e-6));
+            }
+            if !body.is_isotropic() {
+                let change = stiffness[0] * f.u_t.x + stiffness[1] * f.u_t.y + stiffness[2] * f.u_t.z;
+                assert!((change.dot(f.u_t) - f.pull_slope).abs() < 1e-5 * (1.0 + f.pull_slope));
+            }
+
+            // Along the surface.
+            let rates = site.rates(v).each();
+            let mut moved = |s: f64| site.evaluate([0, 1, 2].map(|i| n[i] + s * rates[i]), tip);
+            let (up, down) = (moved(h), moved(-h));
+            let force = (up.force() - down.force()) / (2.0 * h);
+            assert!(alike(force, drift.force), "case {case}: {force} {}", drift.force);
+            let left = |f: &Field| f.limit - f.pull * f.u_t.dot(v);
+            let eta = (left(&up) - left(&down)) / (2.0 * h);
+            // An isotropic search asks along u_t, or for a first guess only.
+            if !body.is_isotropic() || case % 2 == 0 {
+                assert!((eta - drift.eta).abs() < 1e-5 * (1.0 + drift.force.length()), "{eta} {}", drift.eta);
+            }
+        }
+    }
 }

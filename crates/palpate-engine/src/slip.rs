@@ -98,7 +98,7 @@ impl Search<'_, '_> {
                 continue;
             }
             self.back_to(start);
-            let eta = self.site.drift(self.at.n, self.field, v).eta;
+            let eta = self.site.drift(self.at.n, self.field, self.tip, v).eta;
             if self.newton(v, 1.0 / eta) {
                 stalled = 0;
                 continue;
@@ -113,24 +113,30 @@ impl Search<'_, '_> {
         End::Settled
     }
 
+    /// Which way slip leads over an element.
+    #[inline]
+    fn aim(&self) -> DVec3 {
+        if self.site.body.is_isotropic() { self.field.u_t } else { self.field.aim(self.tip) }
+    }
+
     /// The drive's direction from here, if there is a way: the contact point may stand on an edge or a vertex.
     #[inline]
     fn launch(&mut self) -> Result<DVec3, End> {
-        let u_r = self.field.u_r;
+        let u_t = self.field.u_t;
         if self.at.n[0] != 0.0 && self.at.n[1] != 0.0 && self.at.n[2] != 0.0 {
-            return Ok(u_r);
+            return Ok(self.aim());
         }
         let (body, law, tip) = (self.site.body, self.site.law, self.tip);
         let way = if law.is_continuous() && !body.has_creases() {
-            launch(body, *self.at, |_| u_r)
+            launch(body, *self.at, |_| u_t)
         } else {
-            launch(body, *self.at, |there| law.evaluate(body, there, tip).u_r)
+            launch(body, *self.at, |there| law.evaluate(body, there, tip).u_t)
         };
         let (there, v) = match way {
             Launch::Held => return Err(End::Blocked),
             Launch::Border => return Err(End::Border),
             // On an edge only the component along it drives.
-            Launch::Edge(_, along) if within(self.field.pull * u_r.dot(along), self.field) => {
+            Launch::Edge(_, along) if within(self.field.pull * u_t.dot(along), self.field) => {
                 return Err(End::Blocked);
             }
             Launch::Edge(there, along) => (there, Some(along)),
@@ -140,7 +146,7 @@ impl Search<'_, '_> {
             *self.at = there;
             self.evaluate_again();
         }
-        Ok(v.unwrap_or(self.field.u_r))
+        Ok(v.unwrap_or(self.field.u_t))
     }
 
     /// Newton's method on f_r − L, each time along the drive of the moment; the first time with the reciprocal slope
@@ -154,7 +160,7 @@ impl Search<'_, '_> {
         let (stiffness, farthest) = (self.field.pull_slope, 1.5 * self.field.lateral);
         let believable = |ease: f64| ease * stiffness < 10.0 && ease * stiffness > 0.1;
         let (mut v, mut ease, mut travelled) = (v, ease, 0.0);
-        let first = self.field.pull * self.field.u_r.dot(v) - self.field.limit;
+        let first = self.field.pull * self.field.u_t.dot(v) - self.field.limit;
         let mut excess = first;
         while self.evaluations > 0 && believable(ease) && excess * ease <= farthest {
             let way = excess * ease;
@@ -171,10 +177,10 @@ impl Search<'_, '_> {
             self.evaluate();
             travelled += way;
             // Seen along the old drive: past the root it has changed sides where L is nearly 0.
-            let seen = self.field.pull * self.field.u_r.dot(v) - self.field.limit;
+            let seen = self.field.pull * self.field.u_t.dot(v) - self.field.limit;
             let now = self.field.pull - self.field.limit;
             // Past the tip, |f_r| = L has a second root: there friction would push.
-            if self.field.u_r.dot(v) < 0.0 && self.field.limit > tolerance(self.field) {
+            if self.field.u_t.dot(v) < 0.0 && self.field.limit > tolerance(self.field) {
                 return false;
             }
             if now.abs() <= tolerance(self.field) {
@@ -191,8 +197,11 @@ impl Search<'_, '_> {
                 return false;
             }
             ease = way / (excess - seen);
-            excess = now;
-            v = self.field.u_r;
+            (v, excess) = (self.field.u_t, now);
+            if !self.site.body.is_isotropic() {
+                v = self.aim();
+                excess = self.field.pull * self.field.u_t.dot(v) - self.field.limit;
+            }
         }
         false
     }
@@ -200,12 +209,12 @@ impl Search<'_, '_> {
     /// Walks along the projection of `v` to where the drive's component along v meets the limit, or as far as the
     /// surface lets it. Returns how far it went.
     ///
-    /// The root is sought on the **signed** component f_r (u_r·v) − L: |δ_t| never falls below zero, so that the
+    /// The root is sought on the **signed** component f_r (u_t·v) − L: |δ_t| never falls below zero, so that the
     /// root would be missed wherever L ≈ 0, as at every onset.
     #[cold]
     #[inline(never)]
     fn line(&mut self, v: DVec3) -> f64 {
-        let drive = |f: &Field| f.pull * f.u_r.dot(v) - f.limit;
+        let drive = |f: &Field| f.pull * f.u_t.dot(v) - f.limit;
         let (mut s, mut g) = (0.0, drive(self.field));
         if g <= 0.0 {
             return 0.0;
@@ -213,7 +222,7 @@ impl Search<'_, '_> {
         // Largest s with g > 0 and the least with g < 0, and where they are.
         let mut low = (0.0, *self.at);
         let mut high: Option<(f64, SurfacePoint)> = None;
-        let eta = self.site.drift(self.at.n, self.field, v).eta;
+        let eta = self.site.drift(self.at.n, self.field, self.tip, v).eta;
         let slope = if eta > 0.1 * self.field.pull_slope { eta } else { self.field.pull_slope };
         // On a curve that has gone flat the slope leads far away; the root lies within about δr.
         let mut target = (g / slope).min(self.field.lateral);

@@ -7,6 +7,7 @@ mod common;
 
 use common::*;
 use glam::DVec3;
+use palpate_body::{Tensor, tensor};
 use palpate_engine::{Ablation, Contact, Output};
 use std::fmt::Write;
 
@@ -29,12 +30,14 @@ fn path() -> Vec<DVec3> {
     path
 }
 
-fn trace(ablation: Ablation, radius_m: f64, friction: f64) -> Vec<Output> {
+fn trace(ablation: Ablation, radius_m: f64, friction: f64, ratio: f64) -> Vec<Output> {
     let mesh = ellipsoid(DVec3::new(0.03, 0.029, 0.031), 2);
     let surface = palpate_body::Surface::build(&mesh, f64::INFINITY).unwrap();
     let kz = |p: DVec3| 600.0 * (1.0 + 0.4 * p.x / 0.03 - 0.2 * p.y * p.z / 9e-4);
     let kr = |p: DVec3| 500.0 * (1.0 + 0.3 * p.z / 0.03);
-    let body = body_of(surface, Feel { kz: &kz, kr: &kr, friction: &|_| friction, radius_m });
+    let feel = Feel { kz: &kz, kr: &kr, friction: &|_| friction, radius_m };
+    let fibres = |p: DVec3, u: DVec3| tensor::along(DVec3::new(0.3, 0.2, 0.4) + p * 5.0, ratio, u).unwrap();
+    let body = stretched(surface, feel, (ratio != 1.0).then_some(&fibres as &dyn Fn(DVec3, DVec3) -> Tensor));
     let mut contact = Contact::with_ablation(&body, ablation);
     path().into_iter().map(|p| step(&mut contact, &body, p * (1.0 + radius_m / 0.03))).collect()
 }
@@ -63,17 +66,19 @@ fn digest(outputs: &[Output]) -> u64 {
 #[test]
 fn the_golden_trace_is_the_same_to_the_bit() {
     let cases = [
-        ("point", Ablation::None, 0.0, 0.3),
-        ("frictionless", Ablation::None, 0.0, 0.0),
-        ("sphere", Ablation::None, 3e-3, 0.3),
-        ("coordinates-off", Ablation::Coordinates, 0.0, 0.3),
-        ("responses-off", Ablation::Responses, 0.0, 0.3),
+        ("point", Ablation::None, 0.0, 0.3, 1.0),
+        ("frictionless", Ablation::None, 0.0, 0.0, 1.0),
+        ("sphere", Ablation::None, 3e-3, 0.3, 1.0),
+        ("coordinates-off", Ablation::Coordinates, 0.0, 0.3, 1.0),
+        ("responses-off", Ablation::Responses, 0.0, 0.3, 1.0),
+        ("anisotropic", Ablation::None, 0.0, 0.3, 2.0),
+        ("anisotropic-sphere", Ablation::None, 3e-3, 0.1, 4.0),
     ];
     let mut text = String::from(
         "# case,step,force bits (x, y, z), contact point bits (x, y, z); `all` is a digest of every output\n",
     );
-    for (name, ablation, radius, friction) in cases {
-        let outputs = trace(ablation, radius, friction);
+    for (name, ablation, radius, friction, ratio) in cases {
+        let outputs = trace(ablation, radius, friction, ratio);
         assert!(outputs.iter().filter(|o| o.flags.in_contact).count() > 3000, "{name}");
         for (i, o) in outputs.iter().enumerate().step_by(250) {
             let c = o.contact.map_or([0.0; 3], |c| c.position_m);

@@ -4,7 +4,7 @@ mod common;
 
 use common::*;
 use glam::{DMat3, DQuat, DVec3};
-use palpate_body::{Body, Surface, TriangleMesh};
+use palpate_body::{Body, Surface, Tensor, TriangleMesh, tensor};
 use palpate_engine::{Contact, Output};
 use proptest::prelude::*;
 
@@ -95,10 +95,10 @@ proptest! {
 
     /// (d) and the ledger: no force without contact, no contact without depth, and energy balances, at any speed.
     #[test]
-    fn the_ledger_balances(seed in any::<u64>(), kind in 0..KINDS, speed in 0.002f64..2.0) {
+    fn the_ledger_balances(seed in any::<u64>(), kind in 0..KINDS, speed in 0.002f64..2.0, ratio in ratio(100.0)) {
         let mut chance = Chance::new(seed);
         let friction = chance.range(0.0, 0.6);
-        let body = heterogeneous(&mesh(kind, &mut chance), &mut chance, 0.6, friction);
+        let body = anisotropic(&mesh(kind, &mut chance), &mut chance, 0.6, friction, ratio);
         let path = wander(&body, &mut chance, speed, 600);
         let outputs = rollout(&body, &path);
         prop_assert!(speed < 0.05 || outputs.iter().any(|o| o.flags.in_contact));
@@ -116,10 +116,10 @@ proptest! {
 
     /// (a): from step to step the force changes by no more than the local Lipschitz bound allows.
     #[test]
-    fn the_force_is_lipschitz(seed in any::<u64>(), kind in 0..KINDS, speed in 0.002f64..0.02) {
+    fn the_force_is_lipschitz(seed in any::<u64>(), kind in 0..KINDS, speed in 0.002f64..0.02, ratio in ratio(4.0)) {
         let mut chance = Chance::new(seed);
         let friction = chance.range(0.05, 0.5);
-        let body = heterogeneous(&mesh(kind, &mut chance), &mut chance, 0.35, friction);
+        let body = anisotropic(&mesh(kind, &mut chance), &mut chance, 0.35, friction, ratio);
         let path = wander(&body, &mut chance, speed, 500);
         let mut contact = Contact::new(&body);
         let mut last: Option<(DVec3, Output, f64)> = None;
@@ -140,10 +140,10 @@ proptest! {
 
     /// (b): the largest force step shrinks in proportion when the path is sampled finer.
     #[test]
-    fn finer_sampling_shrinks_the_steps(seed in any::<u64>(), kind in 0..KINDS) {
+    fn finer_sampling_shrinks_the_steps(seed in any::<u64>(), kind in 0..KINDS, ratio in ratio(4.0)) {
         let mut chance = Chance::new(seed);
         let friction = chance.range(0.1, 0.5);
-        let body = heterogeneous(&mesh(kind, &mut chance), &mut chance, 0.35, friction);
+        let body = anisotropic(&mesh(kind, &mut chance), &mut chance, 0.35, friction, ratio);
         let path = wander(&body, &mut chance, 0.03, 250);
         // The largest step, and whether the path met anything that is no smooth contact.
         let largest = |path: &[DVec3]| {
@@ -164,17 +164,27 @@ proptest! {
 
     /// (e): rigid motions, and renumbering of nodes and triangles, change nothing.
     #[test]
-    fn only_the_shape_counts(seed in any::<u64>(), kind in 0..KINDS) {
+    fn only_the_shape_counts(seed in any::<u64>(), kind in 0..KINDS, ratio in ratio(4.0)) {
         let mut chance = Chance::new(seed);
         // Not the block: it snaps, and a snap turns rounding into another contact point.
         let original = mesh(if kind == 4 { 5 } else { kind }, &mut chance);
         let stiffness: Vec<f64> = original.positions.iter().map(|_| chance.range(400.0, 800.0)).collect();
-        let build = |mesh: &TriangleMesh, k: &[f64]| {
+        // `turn` is the motion's rotation: tensors turn with the body.
+        let fibres = fibres(&mut chance, ratio);
+        let build = |mesh: &TriangleMesh, k: &[f64], turn: DMat3, back: &dyn Fn(DVec3) -> DVec3| {
             let surface = Surface::build(mesh, f64::INFINITY).unwrap();
             let at = |p: DVec3| k[mesh.positions.iter().position(|&q| q == p).unwrap()];
-            body_of(surface, Feel { kz: &at, kr: &at, friction: &|_| 0.3, radius_m: 0.0 })
+            let feel = Feel { kz: &at, kr: &at, friction: &|_| 0.3, radius_m: 0.0 };
+            let turned = |p: DVec3, u: DVec3| {
+                let there = turn.transpose() * u;
+                let a = fibres(back(p), there);
+                let column = |v: DVec3| turn * tensor::apply(&a, turn.transpose() * v);
+                let (x, y, z) = (column(DVec3::X), column(DVec3::Y), column(DVec3::Z));
+                [x.x, y.y, z.z, x.y, x.z, y.z]
+            };
+            stretched(surface, feel, (ratio > 1.0).then_some(&turned as &dyn Fn(DVec3, DVec3) -> Tensor))
         };
-        let body = build(&original, &stiffness);
+        let body = build(&original, &stiffness, DMat3::IDENTITY, &|p| p);
         let path = wander(&body, &mut chance, 0.05, 200);
 
         let axis = chance.direction();
@@ -199,7 +209,7 @@ proptest! {
         }
         let triangles = renumbered.triangles.len();
         renumbered.triangles.rotate_left(triangles / 3);
-        let other = build(&renumbered, &k);
+        let other = build(&renumbered, &k, turn, &|p| turn.transpose() * (p - shift));
         let path_there: Vec<DVec3> = path.iter().map(|&p| moved(p)).collect();
         let mut largest = 0.0f64;
         let (mut here, mut there) = (Contact::new(&body), Contact::new(&other));
@@ -217,9 +227,9 @@ proptest! {
 
     /// (f): a closed loop in stick does no work.
     #[test]
-    fn a_loop_in_stick_does_no_work(seed in any::<u64>(), kind in 0..KINDS) {
+    fn a_loop_in_stick_does_no_work(seed in any::<u64>(), kind in 0..KINDS, ratio in ratio(20.0)) {
         let mut chance = Chance::new(seed);
-        let body = heterogeneous(&mesh(kind, &mut chance), &mut chance, 0.6, 1e4);
+        let body = anisotropic(&mesh(kind, &mut chance), &mut chance, 0.6, 1e4, ratio);
         let nodes = body.element_nodes(chance.below(body.elements().len()) as u32);
         let inward = (nodes[0].inward + nodes[1].inward + nodes[2].inward).normalize();
         let p = (nodes[0].position + nodes[1].position + nodes[2].position) / 3.0;
@@ -269,15 +279,94 @@ proptest! {
         }
     }
 
+    /// (h) along a principal axis of an anisotropic plane, whose stiffness is λ k_r: the same stop.
+    #[test]
+    fn along_a_principal_axis_the_stop_is_exact(seed in any::<u64>(), cells in 1usize..9, ratio in 0.02f64..50.0) {
+        let mut chance = Chance::new(seed);
+        let (kz, kr, mu) = (chance.range(200.0, 900.0), chance.range(200.0, 900.0), chance.range(0.0, 0.6));
+        let axis = chance.direction().with_z(0.0).normalize();
+        let body = anisotropic_plane(cells, [kz, kr, mu], axis, ratio);
+        let stiffness = kr * 2.0 * ratio / (1.0 + ratio);
+        let mut contact = Contact::new(&body);
+        let mut x = DVec3::new(chance.range(-0.01, 0.01), chance.range(-0.01, 0.01), 1e-4);
+        step(&mut contact, &body, x);
+        let mut c = x.with_z(0.0);
+        for i in 0..400 {
+            x += axis * chance.range(-1e-3, 1e-3) * f64::from(u8::from(i > 0));
+            x.z = if i < 3 { -1e-4 * f64::from(i + 1) } else { chance.range(-6e-3, -1e-4) };
+            let stop = mu * 100.0 * kz * x.z * x.z / stiffness;
+            let lateral = (x - c).with_z(0.0).clamp_length_max(stop);
+            c = x.with_z(0.0) - lateral;
+            let o = step(&mut contact, &body, x);
+            let expected = DVec3::Z * (100.0 * kz * x.z * x.z) - lateral * stiffness;
+            prop_assert!((force(&o) - expected).length() < 1e-8 * (1.0 + expected.length()), "{:?} {expected}", force(&o));
+        }
+    }
+
+    /// At any angle to the axes: in stick the force is −k_r A δ_t; a long drag is opposed along its own direction by L;
+    /// and without friction the contact point is straight under the tip after every step.
+    #[test]
+    fn an_oblique_drag_is_exact(seed in any::<u64>(), cells in 1usize..9, ratio in 0.02f64..50.0, mu in 0.05f64..0.6) {
+        let mut chance = Chance::new(seed);
+        let (kz, kr) = (chance.range(200.0, 900.0), chance.range(200.0, 900.0));
+        let axis = chance.direction().with_z(0.0).normalize();
+        let (high, low) = (2.0 * ratio / (1.0 + ratio), 2.0 / (1.0 + ratio));
+        let stretched = |d: DVec3| axis * (high * d.dot(axis)) + (d - axis * d.dot(axis)) * low;
+        let way = chance.direction().with_z(0.0).normalize();
+        let depth = chance.range(1e-3, 4e-3);
+        let (normal, start) = (100.0 * kz * depth * depth, DVec3::new(0.0013, 0.0007, -depth));
+
+        let sticky = anisotropic_plane(cells, [kz, kr, 1e3], axis, ratio);
+        let mut contact = Contact::new(&sticky);
+        step(&mut contact, &sticky, start.with_z(1e-4));
+        for i in 0..100 {
+            let d = way * (5e-5 * f64::from(i));
+            let o = step(&mut contact, &sticky, start + d);
+            let expected = DVec3::Z * normal - stretched(d) * kr;
+            prop_assert!((force(&o) - expected).length() < 1e-9 * expected.length() && !o.flags.slipping);
+        }
+
+        let rough = anisotropic_plane(cells, [kz, kr, mu], axis, ratio);
+        let mut contact = Contact::new(&rough);
+        step(&mut contact, &rough, start.with_z(1e-4));
+        // The contact point follows until the force points along the way: over several times the deflection.
+        let reach = mu * normal / (kr * high.min(low));
+        let stride = reach.min(0.04) / 100.0;
+        let steps = if reach < 0.004 { 1000 } else { 0 };
+        let mut o = step(&mut contact, &rough, start);
+        for i in 1..=steps {
+            o = step(&mut contact, &rough, start + way * (stride * f64::from(i)));
+        }
+        let expected = DVec3::Z * normal - way * (mu * normal);
+        prop_assert!(steps == 0 || (force(&o) - expected).length() < 1e-3 * mu * normal, "{:?} {expected}", force(&o));
+        prop_assert_eq!(contact.counters().capped, 0);
+
+        let slick = anisotropic_plane(cells, [kz, kr, 0.0], axis, ratio);
+        let mut contact = Contact::new(&slick);
+        step(&mut contact, &slick, start.with_z(1e-4));
+        for i in 0..200 {
+            let x = start + (way * 1e-4 + chance.direction().with_z(0.0) * 5e-5) * f64::from(i);
+            let o = step(&mut contact, &slick, x);
+            prop_assert!((force(&o) - DVec3::Z * normal).length() < 1e-8);
+        }
+        prop_assert!(contact.counters().evaluations <= 3 * contact.counters().slips, "{:?}", contact.counters());
+    }
+
     /// (i): subdividing without changing the field changes nothing on a plane.
     #[test]
-    fn a_finer_plane_is_the_same_plane(seed in any::<u64>(), times in 2usize..6) {
+    fn a_finer_plane_is_the_same_plane(seed in any::<u64>(), times in 2usize..6, isotropic in any::<bool>()) {
         let mut chance = Chance::new(seed);
         let slope = DVec3::new(chance.range(-4.0, 4.0), chance.range(-4.0, 4.0), 0.0);
         let k = move |p: DVec3| 500.0 * (1.0 + slope.dot(p));
         let build = |cells| {
             let surface = Surface::build(&patch(0.08, cells), f64::INFINITY).unwrap();
-            body_of(surface, Feel { kz: &k, kr: &k, friction: &|_| 0.3, radius_m: 0.0 })
+            let feel = Feel { kz: &k, kr: &k, friction: &|_| 0.3, radius_m: 0.0 };
+            // Linear in the place, so that both meshes have the same.
+            let tensor = |p: DVec3, _| {
+                let (s, t) = (0.2 + slope.dot(p), 0.3 - slope.x * p.y);
+                [1.0 + s, 1.0 - s, 1.0, t, 0.0, 0.0]
+            };
+            stretched(surface, feel, (!isotropic).then_some(&tensor as &dyn Fn(DVec3, DVec3) -> Tensor))
         };
         let (coarse, fine) = (build(3), build(3 * times));
         let mut path = vec![DVec3::new(0.001, 0.002, 5e-4)];
@@ -290,6 +379,46 @@ proptest! {
             prop_assert!((force(a) - force(&b)).length() < 1e-7 * (0.1 + force(a).length()));
         }
     }
+}
+
+/// Stiffnesses and friction [k_z, k_r, μ], `ratio` times as stiff along an axis as across.
+fn anisotropic_plane(cells: usize, [kz, kr, mu]: [f64; 3], axis: DVec3, ratio: f64) -> Body {
+    let surface = Surface::build(&patch(0.2, cells), f64::INFINITY).unwrap();
+    let feel = Feel { kz: &|_| kz, kr: &|_| kr, friction: &|_| mu, radius_m: 0.0 };
+    stretched(surface, feel, Some(&|_, u| tensor::along(axis, ratio, u).unwrap()))
+}
+
+/// Where every tensor is the identity, every bit is that of a body without.
+#[test]
+fn identities_change_no_bit() {
+    let mesh = ellipsoid(DVec3::new(0.03, 0.04, 0.025), 2);
+    let mut chance = Chance::new(21);
+    let far = mesh.positions.iter().map(|p| p.x).fold(f64::NEG_INFINITY, f64::max);
+    let (a, b) = (chance.direction() * 60.0, chance.direction() * 60.0);
+    let build = |tensors: Option<&dyn Fn(DVec3, DVec3) -> Tensor>| {
+        let surface = Surface::build(&mesh, f64::INFINITY).unwrap();
+        let (kz, kr) =
+            (|p: DVec3| 600.0 + 200.0 * libm::sin(p.dot(a)), |p: DVec3| 500.0 + 100.0 * libm::sin(p.dot(b)));
+        stretched(surface, Feel { kz: &kz, kr: &kr, friction: &|_| 0.3, radius_m: 0.0 }, tensors)
+    };
+    let one = |p: DVec3, u: DVec3| {
+        if p.x == far { tensor::along(DVec3::Y, 2.0, u).unwrap() } else { tensor::IDENTITY }
+    };
+    let (plain, same, other) = (build(None), build(Some(&|_, _| tensor::IDENTITY)), build(Some(&one)));
+    assert!(same.is_isotropic() && !other.is_isotropic());
+    let path = wander(&plain, &mut chance, 0.05, 3000);
+    let (here, there, elsewhere) = (rollout(&plain, &path), rollout(&same, &path), rollout(&other, &path));
+    assert!(here == there, "to the bit");
+    // Where only one node far away is not isotropic, the forces here are the same up to rounding.
+    let mut near = 0;
+    for (i, (x, y)) in here.iter().zip(&elsewhere).enumerate() {
+        if path[i].x > 0.4 * far {
+            break;
+        }
+        near += usize::from(x.flags.in_contact);
+        assert!((force(x) - force(y)).length() < 1e-6 * (0.1 + force(x).length()), "{i}");
+    }
+    assert!(near > 100, "{near}");
 }
 
 #[test]

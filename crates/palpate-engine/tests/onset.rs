@@ -4,7 +4,7 @@ mod common;
 
 use common::*;
 use glam::DVec3;
-use palpate_body::{Body, Surface, TriangleMesh};
+use palpate_body::{Body, Surface, Tensor, TriangleMesh};
 use palpate_engine::Contact;
 
 /// Friction so high that the contact point stays where the tip came in.
@@ -94,24 +94,25 @@ fn ten_thousand_fast_passes_are_all_caught() {
 fn a_sphere_is_caught_where_it_first_touches() {
     let mesh = ellipsoid(DVec3::splat(0.03), 4);
     let radius = 4e-3;
-    let body = body_of(
-        Surface::build(&mesh, f64::INFINITY).unwrap(),
-        Feel { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| 1e3, radius_m: radius },
-    );
+    let feel = Feel { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| 1e3, radius_m: radius };
     let mut rng = Chance::new(2);
-    for _ in 0..1000 {
+    let fibres = fibres(&mut rng, 10.0);
+    let bodies = [None, Some(&fibres as &dyn Fn(DVec3, DVec3) -> Tensor)]
+        .map(|tensor| stretched(Surface::build(&mesh, f64::INFINITY).unwrap(), feel, tensor));
+    for i in 0..1000 {
+        let body = &bodies[i % 2];
         let d = rng.direction();
-        let mut contact = Contact::new(&body);
-        let free = step(&mut contact, &body, d * (0.03 + radius + 1e-5));
+        let mut contact = Contact::new(body);
+        let free = step(&mut contact, body, d * (0.03 + radius + 1e-5));
         assert!(!free.flags.in_contact);
         let depth = rng.range(5e-4, 5e-3);
-        let output = step(&mut contact, &body, d * (0.03 + radius - depth));
+        let output = step(&mut contact, body, d * (0.03 + radius - depth));
         let at = output.contact.unwrap();
         assert!((at.delta_z_m - depth).abs() < 1.5e-4, "{} {depth}", at.delta_z_m);
-        assert!(distance(&body, DVec3::from_array(at.position_m)) < 1e-9);
+        assert!(distance(body, DVec3::from_array(at.position_m)) < 1e-9);
         let expected = 100.0 * 600.0 * at.delta_z_m * at.delta_z_m;
         assert!((force(&output).dot(d) - expected).abs() < 1e-3 * expected + 1e-4);
-        let out = step(&mut contact, &body, d * (0.03 + radius + 1e-4));
+        let out = step(&mut contact, body, d * (0.03 + radius + 1e-4));
         assert!(!out.flags.in_contact && out.flags.released, "{out:?}");
         assert!(imbalance(&out) < 1e-9, "{out:?}");
     }

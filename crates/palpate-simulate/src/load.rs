@@ -10,7 +10,7 @@ pub(crate) enum Load<'t> {
     /// Some unknowns are held where they are put.
     Held(Vec<usize>),
     /// A rigid tool.
-    Tool(ToolContact<'t>),
+    Tool(Box<ToolContact<'t>>),
 }
 
 impl Load<'_> {

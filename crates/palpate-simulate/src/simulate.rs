@@ -47,7 +47,7 @@ impl Model {
         let walker = match contact {
             Contact::Frictionless => {
                 let solver = Solver::new(self, self.held.clone());
-                Walker::new(solver, Load::Tool(ToolContact::new(self, tool, start)), start.tip)
+                Walker::new(solver, Load::Tool(Box::new(ToolContact::new(self, tool, start))), start.tip)
             }
             Contact::Bonded { patch_radius_m } => {
                 let patch = self.patch(surface, patch_radius_m);

@@ -3,7 +3,7 @@
 pub mod assemble;
 pub mod elements;
 pub mod prepare;
-mod progress;
+pub mod progress;
 pub mod run;
 pub mod volume;
 mod workspace;

@@ -460,6 +460,29 @@ fn exact(curve: &Curve) -> Result<Curve> {
     Ok(Curve::from_ordinates(curve.knots(), &ordinates, curve.extension())?)
 }
 
+/// For each node of the body whether the tool can come there: whether the nearest of the simulated surface's nodes, given
+/// as (position, held), is free.
+pub fn touchable(body: &Body, surface: impl Iterator<Item = (DVec3, bool)>) -> Vec<bool> {
+    let mut nodes: Vec<(DVec3, bool)> = surface.collect();
+    nodes.sort_by(|a, b| a.0.x.total_cmp(&b.0.x));
+    let free = |p: DVec3| {
+        let mut best = (f64::INFINITY, false);
+        // Outwards along x, until x alone is farther than the nearest so far.
+        let mut visit = |&(q, held): &(DVec3, bool)| {
+            let distance = p.distance_squared(q);
+            if distance < best.0 {
+                best = (distance, !held);
+            }
+            (q.x - p.x) * (q.x - p.x) <= best.0
+        };
+        let (below, above) = nodes.split_at(nodes.partition_point(|n| n.0.x < p.x));
+        let _ = above.iter().all(&mut visit);
+        let _ = below.iter().rev().all(&mut visit);
+        best.1
+    };
+    body.nodes().iter().map(|n| free(n.position)).collect()
+}
+
 /// Tries paths on `body`. `simulate` gives what a point's plan comes to, or nothing when it was told to stop;
 /// `progress` hears of each path that is done. Paths run beside each other on the threads of rayon's present pool, and
 /// the result does not depend on their number.
@@ -610,16 +633,26 @@ pub(crate) fn percentile(sorted: &[f64], share: f64) -> f64 {
 }
 
 impl Validation {
-    /// The table as Markdown.
+    /// The table: a row for each source, largest errors in %.
+    pub fn table(&self) -> Vec<Vec<String>> {
+        let head = ["force from", "normal: median", "p95", "worst", "lateral: median", "p95", "worst (%)"];
+        let rows = self.sources.iter().filter(|s| s.paths > 0).map(|s| {
+            let errors = [s.normal, s.lateral].map(|s| [s.median_percent, s.p95_percent, s.worst_percent]);
+            let mut row = vec![s.source.words().to_owned()];
+            row.extend(errors.as_flattened().iter().map(|x| format!("{x:.1}")));
+            row
+        });
+        std::iter::once(head.map(str::to_owned).to_vec()).chain(rows).collect()
+    }
+
+    /// The same as Markdown.
     pub fn markdown(&self) -> String {
-        let mut out = String::from(
-            "| force from | normal: median | p95 | worst | lateral: median | p95 | worst |\n\
-             |---|---|---|---|---|---|---|\n",
-        );
-        for s in self.sources.iter().filter(|s| s.paths > 0) {
-            let [n, l] = [s.normal, s.lateral]
-                .map(|s| [s.median_percent, s.p95_percent, s.worst_percent].map(|x| format!("{x:.1}")));
-            let _ = writeln!(out, "| {} | {} | {} |", s.source.words(), n.join(" | "), l.join(" | "));
+        let mut out = String::new();
+        for (i, row) in self.table().iter().enumerate() {
+            let _ = writeln!(out, "| {} |", row.join(" | "));
+            if i == 0 {
+                let _ = writeln!(out, "|{}", "---|".repeat(row.len()));
+            }
         }
         out
     }

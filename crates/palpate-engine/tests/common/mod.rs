@@ -2,8 +2,11 @@
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 use glam::DVec3;
-use palpate_body::{Body, BodyParts, NodeMix, Provenance, Response, SlipRule, Surface, Tool, TriangleMesh};
+use palpate_body::{
+    Body, BodyParts, NodeMix, Provenance, Response, SlipRule, Surface, Tensor, Tool, TriangleMesh, tensor,
+};
 use palpate_engine::{Contact, Output, ToolPose};
+use proptest::strategy::Strategy;
 
 /// `count` cases, the same ones in every run; `PROPTEST_CASES` asks for more.
 pub fn cases(count: u32) -> proptest::test_runner::Config {
@@ -218,6 +221,13 @@ pub struct Feel<'a> {
 }
 
 pub fn body_of(surface: Surface, feel: Feel) -> Body {
+    stretched(surface, feel, None)
+}
+
+/// The same with a lateral tensor at each node, of its position and inward normal.
+pub fn stretched(surface: Surface, feel: Feel, tensor: Option<&dyn Fn(DVec3, DVec3) -> Tensor>) -> Body {
+    let nodes = || surface.positions().iter().zip(surface.inward_normals());
+    let lateral_tensors = tensor.map(|t| nodes().map(|(&p, &u)| t(p, u)).collect());
     let responses: Vec<Response> = surface
         .positions()
         .iter()
@@ -229,7 +239,7 @@ pub fn body_of(surface: Surface, feel: Feel) -> Body {
         surface,
         responses,
         test_point_nodes: (0..count).collect(),
-        lateral_tensors: None,
+        lateral_tensors,
         tool: if feel.radius_m > 0.0 { Tool::sphere(feel.radius_m) } else { Tool::point() },
         slip: SlipRule::Paper,
         provenance: Provenance::default(),
@@ -242,21 +252,44 @@ pub fn uniform(mesh: &TriangleMesh, kz: f64, kr: f64, friction: f64) -> Body {
     body_of(surface, Feel { kz: &|_| kz, kr: &|_| kr, friction: &|_| friction, radius_m: 0.0 })
 }
 
-/// Each node its own stiffness, within ±`spread` of the mean; smooth if `smooth`.
+/// Each node its own stiffness, within ±`spread` of the mean.
 pub fn heterogeneous(mesh: &TriangleMesh, rng: &mut Chance, spread: f64, friction: f64) -> Body {
+    anisotropic(mesh, rng, spread, friction, 1.0)
+}
+
+/// The same, up to `ratio` times as stiff sideways in one direction as in the other.
+pub fn anisotropic(mesh: &TriangleMesh, rng: &mut Chance, spread: f64, friction: f64, ratio: f64) -> Body {
     let surface = Surface::build(mesh, f64::INFINITY).unwrap();
     let (a, b) = (rng.direction() * 60.0, rng.direction() * 60.0);
     let (kz, kr) = (rng.range(300.0, 900.0), rng.range(300.0, 900.0));
     let wave = move |p: DVec3, d: DVec3| 1.0 + spread * libm::sin(p.dot(d));
-    body_of(
-        surface,
-        Feel {
-            kz: &|p| kz * wave(p, a),
-            kr: &|p| kr * wave(p, b),
-            friction: &|p| friction * wave(p, a - b),
-            radius_m: 0.0,
-        },
-    )
+    let feel = Feel {
+        kz: &|p| kz * wave(p, a),
+        kr: &|p| kr * wave(p, b),
+        friction: &|p| friction * wave(p, a - b),
+        radius_m: 0.0,
+    };
+    if ratio == 1.0 {
+        return body_of(surface, feel);
+    }
+    let fibres = fibres(rng, ratio);
+    stretched(surface, feel, Some(&fibres))
+}
+
+/// Fibres that wind through the body, along which it is `ratio` times as stiff as across.
+pub fn fibres(rng: &mut Chance, ratio: f64) -> impl Fn(DVec3, DVec3) -> Tensor + use<> {
+    let (d, e, wave) = (rng.direction(), rng.direction(), rng.direction() * 60.0);
+    move |p, u| {
+        let f = (d + e * (0.5 * libm::sin(p.dot(wave)))).normalize();
+        let (s, off) = ((ratio - 1.0) * f, DVec3::new(f.x * f.y, f.x * f.z, f.y * f.z) * (ratio - 1.0));
+        let stiffness = [1.0 + s.x * f.x, 1.0 + s.y * f.y, 1.0 + s.z * f.z, off.x, off.y, off.z];
+        tensor::from_stiffness(&stiffness, u).unwrap()
+    }
+}
+
+/// No ratio, as often as one up to `most`.
+pub fn ratio(most: f64) -> impl proptest::strategy::Strategy<Value = f64> {
+    (proptest::bool::ANY, 1.0..most).prop_map(|(isotropic, ratio)| if isotropic { 1.0 } else { ratio })
 }
 
 pub fn step(contact: &mut Contact, body: &Body, p: DVec3) -> Output {

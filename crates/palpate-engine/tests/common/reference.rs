@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 use glam::DVec3;
-use palpate_body::{Body, Response};
+use palpate_body::{Body, Response, tensor};
 
 /// What the force law reads at one contact point.
 #[derive(Clone, Copy, Debug)]
@@ -10,6 +10,7 @@ pub struct Reading {
     pub u: DVec3,
     pub depth: f64,
     pub lateral: f64,
+    /// Direction of the lateral force.
     pub u_r: DVec3,
     pub fz: f64,
     pub fr: f64,
@@ -29,6 +30,9 @@ pub struct Reference<'a> {
     neighbours: Vec<Vec<usize>>,
     contact: Option<(usize, DVec3)>,
     last: Option<DVec3>,
+    /// In how many parts the tip goes the way of a sample. Slip with the tip held runs along f_t where it starts, and
+    /// under a tensor that direction is behind by as much as the tip moves at once.
+    parts: u32,
 }
 
 impl<'a> Reference<'a> {
@@ -39,7 +43,14 @@ impl<'a> Reference<'a> {
             (0..triangles.len()).filter(|&b| triangles[b].iter().any(|n| a.contains(n))).collect::<Vec<_>>()
         };
         let neighbours = triangles.iter().map(touching).collect();
-        Reference { body, responses, neighbours, contact: None, last: None }
+        Reference {
+            body,
+            responses,
+            neighbours,
+            contact: None,
+            last: None,
+            parts: if body.is_isotropic() { 1 } else { 4 },
+        }
     }
 
     fn corners(&self, element: usize) -> [DVec3; 3] {
@@ -67,18 +78,25 @@ impl<'a> Reference<'a> {
         let tangential = delta - u * delta.dot(u);
         let lateral = tangential.length();
         let fz = if depth > 0.0 { mix(&|r| r.normal.value(depth)) } else { 0.0 };
-        let fr = mix(&|r| r.lateral.value(lateral));
+        let stretched = |l: usize| {
+            let tensors = self.body.lateral_tensors();
+            tensors.map_or(tangential, |a| tensor::apply(&a[nodes[l]], tangential))
+        };
+        let stretched = (0..3).map(|l| stretched(l) * n[l]).sum::<DVec3>();
+        let rho = stretched.dot(tangential).sqrt();
+        let along = stretched - u * stretched.dot(u);
+        let fr = mix(&|r| r.lateral.value(rho)) * if rho > 0.0 { along.length() / rho } else { 1.0 };
         let mu = mix(&|r| r.friction.value(depth));
         let stored = if depth > 0.0 { mix(&|r| r.normal.integral(depth)) } else { 0.0 };
         Reading {
             u,
             depth,
             lateral,
-            u_r: tangential.normalize_or_zero(),
+            u_r: along.normalize_or_zero(),
             fz,
             fr,
             limit: mu * fz,
-            energy: stored + mix(&|r| r.lateral.integral(lateral)),
+            energy: stored + mix(&|r| r.lateral.integral(rho)),
         }
     }
 
@@ -88,8 +106,12 @@ impl<'a> Reference<'a> {
         if self.contact.is_none() {
             self.contact = from.and_then(|from| self.onset(from, tip));
         }
-        let Some((element, c)) = self.contact else { return DVec3::ZERO };
-        let (element, c) = self.slip(element, c, tip);
+        let Some((mut element, mut c)) = self.contact else { return DVec3::ZERO };
+        let start = from.unwrap_or(tip);
+        for part in 1..=self.parts {
+            let gone = f64::from(part) / f64::from(self.parts);
+            (element, c) = self.slip(element, c, start + (tip - start) * gone);
+        }
         let reading = self.read(element, c, tip);
         if reading.depth <= 0.0 {
             self.contact = None;

@@ -8,6 +8,7 @@ pub mod inspect;
 pub mod merge;
 pub mod precompute;
 pub mod trace;
+pub mod validate;
 
 /// Why a command did not end with 0.
 #[derive(Debug)]
