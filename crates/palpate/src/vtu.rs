@@ -30,6 +30,7 @@ const TRIANGLE: u8 = 5;
 /// `out` can't be written.
 pub fn write(body: &Body, out: &mut dyn Write) -> Result<()> {
     let figures: Vec<[f64; 5]> = Figures::of_nodes(body).iter().map(Figures::values).collect();
+    let principals: Vec<Principal> = principals(body).collect();
     let (nodes, elements) = (body.nodes(), body.elements());
     let mut point_data = vec![
         doubles("inward_normal", 3, nodes.len(), move |i| nodes[i].inward.to_array().to_vec()),
@@ -46,7 +47,6 @@ pub fn write(body: &Body, out: &mut dyn Write) -> Result<()> {
     for (k, name) in Figures::NAMES.into_iter().enumerate() {
         point_data.push(doubles(name, 1, nodes.len(), move |i| vec![figures[i][k]]));
     }
-    let principals: Vec<Principal> = principals(body).collect();
     if let Some(tensors) = body.lateral_tensors() {
         let principals = &principals;
         // ParaView takes six components for a symmetric tensor in this order.
