@@ -1,6 +1,7 @@
 //! One contact: the step and its stages (MODEL 3).
 
 use crate::field::{Ablation, Field, Law, Site};
+use crate::lateral::{Isotropic, Lateral, Stretch};
 use crate::output::{ContactPoint, Counters, Flags, Ledger, Output, ToolPose};
 use crate::sensitivity;
 use crate::slip::{self, End, Pace};
@@ -70,6 +71,16 @@ impl Contact {
     /// Bounded; never allocates, locks, logs, reads a clock or a file, or panics. In free space it costs a distance
     /// comparison until the tip has used up the clearance that the last query found.
     pub fn step(&mut self, body: &Body, pose: &ToolPose) -> Output {
+        if body.is_isotropic() {
+            self.step_as::<Isotropic>(body, pose)
+        } else {
+            self.step_as::<Stretch>(body, pose)
+        }
+    }
+
+    /// Apart from the choice between the two, which is a jump.
+    #[inline(never)]
+    fn step_as<L: Lateral>(&mut self, body: &Body, pose: &ToolPose) -> Output {
         self.counters.steps += 1;
         let mut flags = Flags::default();
         let Some(tip) = pose.accept() else {
@@ -79,8 +90,8 @@ impl Contact {
             return Output { flags, energy: self.energy, ..Output::default() };
         };
         let before = self.energy;
-        let Some(mut at) = self.touch(body, tip, &mut flags) else { return self.untouched(flags) };
-        let mut site = Site::new(body, self.law, at.element);
+        let Some(mut at) = self.touch::<L>(body, tip, &mut flags) else { return self.untouched(flags) };
+        let mut site = Site::<L>::new(body, self.law, at.element);
         let mut field = self.stick(&mut site, at, tip);
         let end = self.slip(&mut site, &mut at, &mut field, tip, &mut flags);
         if field.depth > 0.0 && end != End::Border {
@@ -118,7 +129,7 @@ impl Contact {
     }
 
     /// Stage 1: the contact point of the last step, or that of an onset in this one.
-    fn touch(&mut self, body: &Body, tip: DVec3, flags: &mut Flags) -> Option<SurfacePoint> {
+    fn touch<L: Lateral>(&mut self, body: &Body, tip: DVec3, flags: &mut Flags) -> Option<SurfacePoint> {
         match self.state {
             State::Touching { at, .. } => Some(at),
             State::Free { asked_at, clear, near, .. } if tip.distance(asked_at) < clear => {
@@ -135,7 +146,7 @@ impl Contact {
                 };
                 flags.onset = true;
                 self.counters.onsets += 1;
-                Some(self.settle(body, touch.at, from + (tip - from) * touch.fraction))
+                Some(self.settle::<L>(body, touch.at, from + (tip - from) * touch.fraction))
             }
             State::Inside { asked_at, clear } if tip.distance(asked_at) < clear => {
                 self.state = State::Inside { asked_at, clear };
@@ -175,11 +186,11 @@ impl Contact {
     /// A sphere's first touch is where the nearest point is at its radius, but the frame there is the interpolated
     /// one: the contact point slips to the friction limit, nearly 0 there, before anything counts. Where the frames
     /// lead it farther away than the tool reaches, it stays.
-    fn settle(&self, body: &Body, at: SurfacePoint, tip: DVec3) -> SurfacePoint {
+    fn settle<L: Lateral>(&self, body: &Body, at: SurfacePoint, tip: DVec3) -> SurfacePoint {
         if self.law.radius_m == 0.0 {
             return at;
         }
-        let mut site = Site::new(body, self.law, at.element);
+        let mut site = Site::<L>::new(body, self.law, at.element);
         let (mut settled, mut field) = (at, site.evaluate(at.n, tip));
         let start = field.c;
         let end = slip::slip(&mut site, &mut settled, &mut field, tip, &mut Pace::default()).end;
@@ -188,7 +199,7 @@ impl Contact {
 
     /// Stage 2: the tool moves with the contact point held.
     #[inline]
-    fn stick(&mut self, site: &mut Site, at: SurfacePoint, tip: DVec3) -> Field {
+    fn stick<L: Lateral>(&mut self, site: &mut Site<L>, at: SurfacePoint, tip: DVec3) -> Field {
         let field = site.evaluate(at.n, tip);
         self.energy.stick(field.energy);
         field
@@ -196,9 +207,9 @@ impl Contact {
 
     /// Stage 3: the contact point moves with the tool held, until the lateral force is within the friction limit.
     #[inline]
-    fn slip(
+    fn slip<L: Lateral>(
         &mut self,
-        site: &mut Site,
+        site: &mut Site<L>,
         at: &mut SurfacePoint,
         field: &mut Field,
         tip: DVec3,
@@ -222,9 +233,9 @@ impl Contact {
     /// Stage 4: the contact ends, at δz ≤ 0 or over the border. A tip that is then still inside, in a concave facet or
     /// another sheet, touches anew at its nearest surface point, and one that ran into something else on its way, there.
     #[cold]
-    fn release(
+    fn release<L: Lateral>(
         &mut self,
-        site: &mut Site,
+        site: &mut Site<L>,
         at: SurfacePoint,
         field: &Field,
         end: End,
@@ -248,7 +259,7 @@ impl Contact {
             self.beyond(body, at, field, tip)
         };
         self.state = self.free(body, tip, nearest);
-        let mut at = self.settle(body, again?, tip);
+        let mut at = self.settle::<L>(body, again?, tip);
         *site = Site::new(body, self.law, at.element);
         let mut field = site.evaluate(at.n, tip);
         // Stored energy appears at a fixed tip: the ledger books it as generated.

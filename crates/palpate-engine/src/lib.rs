@@ -28,6 +28,7 @@
 
 mod contact;
 mod field;
+mod lateral;
 mod output;
 mod sensitivity;
 mod slip;

@@ -2,6 +2,7 @@
 //! MODEL 4, rule `paper`).
 
 use crate::field::{Field, Site};
+use crate::lateral::Lateral;
 use crate::walk::{Launch, Stop, launch, walk};
 use glam::DVec3;
 use palpate_body::SurfacePoint;
@@ -56,8 +57,8 @@ impl Pace {
 }
 
 /// The slip search: where the contact point is, what the law reads there, and what is left of the bounds.
-struct Search<'s, 'a> {
-    site: &'s mut Site<'a>,
+struct Search<'s, 'a, L: Lateral> {
+    site: &'s mut Site<'a, L>,
     tip: DVec3,
     at: &'s mut SurfacePoint,
     field: &'s mut Field,
@@ -68,8 +69,8 @@ struct Search<'s, 'a> {
 
 /// Lets the contact point run from `at`, where the law reads `field`. `site` is at's element.
 #[inline]
-pub(crate) fn slip(
-    site: &mut Site,
+pub(crate) fn slip<L: Lateral>(
+    site: &mut Site<L>,
     at: &mut SurfacePoint,
     field: &mut Field,
     tip: DVec3,
@@ -81,7 +82,7 @@ pub(crate) fn slip(
     Slipped { end, evaluations: evaluations - search.evaluations, crossings: crossings - search.crossings }
 }
 
-impl Search<'_, '_> {
+impl<L: Lateral> Search<'_, '_, L> {
     fn run(&mut self) -> End {
         let mut stalled = 0;
         while !within(self.field.pull, self.field) {
@@ -98,7 +99,7 @@ impl Search<'_, '_> {
                 continue;
             }
             self.back_to(start);
-            let eta = self.site.drift(self.at.n, self.field, self.tip, v).eta;
+            let eta = self.site.drift(self.at.n, self.field, v).eta;
             if self.newton(v, 1.0 / eta) {
                 stalled = 0;
                 continue;
@@ -113,24 +114,18 @@ impl Search<'_, '_> {
         End::Settled
     }
 
-    /// Which way slip leads over an element.
-    #[inline]
-    fn aim(&self) -> DVec3 {
-        if self.site.body.is_isotropic() { self.field.u_t } else { self.field.aim(self.tip) }
-    }
-
     /// The drive's direction from here, if there is a way: the contact point may stand on an edge or a vertex.
     #[inline]
     fn launch(&mut self) -> Result<DVec3, End> {
         let u_t = self.field.u_t;
         if self.at.n[0] != 0.0 && self.at.n[1] != 0.0 && self.at.n[2] != 0.0 {
-            return Ok(self.aim());
+            return Ok(self.site.stretch.aim(self.field));
         }
         let (body, law, tip) = (self.site.body, self.site.law, self.tip);
         let way = if law.is_continuous() && !body.has_creases() {
             launch(body, *self.at, |_| u_t)
         } else {
-            launch(body, *self.at, |there| law.evaluate(body, there, tip).u_t)
+            launch(body, *self.at, |there| law.evaluate::<L>(body, there, tip).u_t)
         };
         let (there, v) = match way {
             Launch::Held => return Err(End::Blocked),
@@ -197,11 +192,13 @@ impl Search<'_, '_> {
                 return false;
             }
             ease = way / (excess - seen);
-            (v, excess) = (self.field.u_t, now);
-            if !self.site.body.is_isotropic() {
-                v = self.aim();
-                excess = self.field.pull * self.field.u_t.dot(v) - self.field.limit;
-            }
+            (v, excess) = if L::ISOTROPIC {
+                (self.field.u_t, now)
+            } else {
+                let aim = self.site.stretch.aim(self.field);
+                ease *= self.site.turned(self.at.n, v, aim);
+                (aim, self.field.pull * self.field.u_t.dot(aim) - self.field.limit)
+            };
         }
         false
     }
@@ -222,7 +219,7 @@ impl Search<'_, '_> {
         // Largest s with g > 0 and the least with g < 0, and where they are.
         let mut low = (0.0, *self.at);
         let mut high: Option<(f64, SurfacePoint)> = None;
-        let eta = self.site.drift(self.at.n, self.field, self.tip, v).eta;
+        let eta = self.site.drift(self.at.n, self.field, v).eta;
         let slope = if eta > 0.1 * self.field.pull_slope { eta } else { self.field.pull_slope };
         // On a curve that has gone flat the slope leads far away; the root lies within about δr.
         let mut target = (g / slope).min(self.field.lateral);

@@ -17,6 +17,8 @@ pub struct Row {
     pub triangles: usize,
     /// What the tool did.
     pub regime: &'static str,
+    /// Whether the lateral response depends on the direction.
+    pub anisotropic: bool,
     /// Slip rule.
     pub slip: &'static str,
     /// Steps that were timed one by one.

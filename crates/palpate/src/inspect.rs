@@ -2,6 +2,7 @@
 
 use crate::plot::{Line, LineChart};
 use crate::validate::{median, percentile};
+use palpate_body::tensor::Principal;
 use palpate_body::{Body, Curve, NO_TWIN, PointErrors, Provenance, Response, SlipRule};
 use serde::Serialize;
 
@@ -20,6 +21,10 @@ pub struct Inspection {
     pub test_points: usize,
     /// Slip rule.
     pub slip: SlipRule,
+    /// Whether the lateral response depends on the direction.
+    pub anisotropic: bool,
+    /// Least and greatest over the nodes: how many times as stiff sideways the stiffest direction is as the softest.
+    pub lateral_ratio: [f64; 2],
     /// Tools that responses are held for.
     pub tools: Vec<ToolEntry>,
     /// Least and greatest coordinates, m.
@@ -148,6 +153,13 @@ pub fn inspect(body: &Body) -> Inspection {
         border_edges: body.elements().iter().flat_map(|e| e.twins).filter(|t| *t == NO_TWIN).count(),
         test_points: body.curves().len(),
         slip: body.slip(),
+        anisotropic: !body.is_isotropic(),
+        lateral_ratio: principals(body)
+            .map(|p| p.ratio())
+            .fold(None, |range: Option<[f64; 2]>, r| {
+                Some(range.map_or([r; 2], |[low, high]| [low.min(r), high.max(r)]))
+            })
+            .unwrap_or([1.0; 2]),
         tools: vec![ToolEntry { shape: tool.shape.clone(), radius_m: tool.radius_m }],
         bounding_box_m,
         depth_knots_m: body.responses().depth_knots().values().to_vec(),
@@ -168,9 +180,17 @@ pub fn inspect(body: &Body) -> Inspection {
     }
 }
 
+/// How each node's tensor acts sideways; none of an isotropic body's.
+pub fn principals(body: &Body) -> impl Iterator<Item = Principal> + '_ {
+    let tensors = body.lateral_tensors().unwrap_or_default();
+    tensors.iter().zip(body.nodes()).map(|(a, node)| Principal::of(a, node.inward))
+}
+
 /// K_max at each depth knot.
 pub fn stiffness_max(body: &Body) -> Vec<StiffnessAt> {
     let lateral = body.curves().iter().flat_map(|r| greatest_slopes(&r.lateral)).fold(0.0, f64::max);
+    // A mix of tensors has no eigenvalue above all of theirs.
+    let lateral = lateral * principals(body).map(|p| p.values[0]).fold(1.0, f64::max);
     let depths = body.responses().depth_knots().values();
     let mut greatest = vec![lateral; depths.len()];
     for response in body.curves() {

@@ -82,13 +82,23 @@ impl Figures {
 pub fn write_nodes(body: &Body, out: &mut dyn Write) -> Result<()> {
     write!(out, "node,x_m,y_m,z_m,inward_x,inward_y,inward_z")?;
     write!(out, ",test_point_0,test_point_1,test_point_2,weight_0,weight_1,weight_2")?;
-    writeln!(out, ",{}", Figures::NAMES.join(","))?;
+    write!(out, ",{}", Figures::NAMES.join(","))?;
+    let tensors = body.lateral_tensors();
+    if tensors.is_some() {
+        for component in ["xx", "yy", "zz", "xy", "xz", "yz"] {
+            write!(out, ",lateral_{component}")?;
+        }
+    }
+    writeln!(out)?;
     for (i, (node, figures)) in body.nodes().iter().zip(Figures::of_nodes(body)).enumerate() {
         let ([x, y, z], [u, v, w]) = (node.position.to_array(), node.inward.to_array());
         let ([a, b, c], [p, q, r]) = (node.test_points, node.weights);
         write!(out, "{i},{x:?},{y:?},{z:?},{u:?},{v:?},{w:?},{a},{b},{c},{p:?},{q:?},{r:?}")?;
         for value in figures.values() {
             write!(out, ",{value:?}")?;
+        }
+        for component in tensors.and_then(|a| a.get(i)).into_iter().flatten() {
+            write!(out, ",{component:?}")?;
         }
         writeln!(out)?;
     }

@@ -1,8 +1,10 @@
 //! A body as a VTK XML unstructured grid, for ParaView: the header as text, the arrays behind it as raw bytes.
 
+use crate::inspect::principals;
 use crate::tables::Figures;
 use anyhow::Result;
 use palpate_body::Body;
+use palpate_body::tensor::Principal;
 use std::io::Write;
 
 /// Puts an array's bytes out.
@@ -21,12 +23,14 @@ struct Array<'a> {
 /// VTK's number for a triangle.
 const TRIANGLE: u8 = 5;
 
-/// Writes the surface with, at each node, its inward normal, the [`Figures`], and the test points it mixes.
+/// Writes the surface with, at each node, its inward normal, the [`Figures`], the test points it mixes, and its lateral
+/// tensor if the body is anisotropic.
 ///
 /// # Errors
 /// `out` can't be written.
 pub fn write(body: &Body, out: &mut dyn Write) -> Result<()> {
     let figures: Vec<[f64; 5]> = Figures::of_nodes(body).iter().map(Figures::values).collect();
+    let principals: Vec<Principal> = principals(body).collect();
     let (nodes, elements) = (body.nodes(), body.elements());
     let mut point_data = vec![
         doubles("inward_normal", 3, nodes.len(), move |i| nodes[i].inward.to_array().to_vec()),
@@ -42,6 +46,18 @@ pub fn write(body: &Body, out: &mut dyn Write) -> Result<()> {
     let figures = &figures;
     for (k, name) in Figures::NAMES.into_iter().enumerate() {
         point_data.push(doubles(name, 1, nodes.len(), move |i| vec![figures[i][k]]));
+    }
+    if let Some(tensors) = body.lateral_tensors() {
+        let principals = &principals;
+        // ParaView takes six components for a symmetric tensor in this order.
+        point_data.push(doubles("lateral_tensor_xx_yy_zz_xy_yz_xz", 6, nodes.len(), move |i| {
+            let [xx, yy, zz, xy, xz, yz] = tensors[i];
+            vec![xx, yy, zz, xy, yz, xz]
+        }));
+        point_data.push(doubles("lateral_ratio", 1, nodes.len(), move |i| vec![principals[i].ratio()]));
+        point_data.push(doubles("lateral_axis", 3, nodes.len(), move |i| {
+            principals[i].axes[0].to_array().to_vec()
+        }));
     }
     let points = [doubles("position_m", 3, nodes.len(), move |i| nodes[i].position.to_array().to_vec())];
     let cells = [

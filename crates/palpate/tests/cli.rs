@@ -133,6 +133,8 @@ fn a_law_becomes_a_body_a_trace_and_tables() {
     assert_eq!(inspection["triangles"], 528);
     assert_eq!(inspection["test_points"], 288);
     assert_eq!(inspection["border_edges"], 48);
+    assert_eq!(inspection["anisotropic"], false);
+    assert_eq!(inspection["lateral_ratio"], serde_json::json!([1.0, 1.0]));
     assert_eq!(inspection["slip"], "paper");
     assert_eq!(inspection["tools"][0]["shape"], "point");
     let provenance = &inspection["provenance"];
@@ -170,6 +172,39 @@ fn a_law_becomes_a_body_a_trace_and_tables() {
     let [first, again] = ["c.body", "again.body"].map(|name| Body::open(&desk.path(name)).unwrap());
     let ends = |body: &Body| body.curves().iter().map(|r| r.normal.value(8e-3)).collect::<Vec<_>>();
     assert!(ends(&first).iter().zip(ends(&again)).all(|(a, b)| (a - b).abs() < 1e-9));
+}
+
+#[test]
+fn an_anisotropic_body_says_so() {
+    let desk = Desk::new();
+    palpate::bench::cylinder(528, 1.9).unwrap().save(&desk.path("a.body")).unwrap();
+    palpate::bench::cylinder(528, 1.0).unwrap().save(&desk.path("i.body")).unwrap();
+    let [stretched, plain] = ["a", "i"].map(|body| desk.json(&format!("inspect {body}.body --json")));
+    assert_eq!((&stretched["anisotropic"], &plain["anisotropic"]), (&true.into(), &false.into()));
+    for end in stretched["lateral_ratio"].as_array().unwrap() {
+        assert!((end.as_f64().unwrap() - 1.9).abs() < 1e-9);
+    }
+    // At depth 0 only the lateral stiffness counts: 2 · 1.9/2.9 times the mean along the stiff axis.
+    let at_0 = |i: &serde_json::Value| i["stiffness_max_n_per_m"][0]["value"].as_f64().unwrap();
+    assert!((at_0(&stretched) / at_0(&plain) - 3.8 / 2.9).abs() < 1e-9);
+    assert!(desk.done("inspect a.body").stdout.contains("1.9"));
+
+    desk.done("export a.body --vtu a.vtu --csv tables");
+    let vtu = fs::read(desk.path("a.vtu")).unwrap();
+    let header = String::from_utf8_lossy(&vtu[..3000]).into_owned();
+    for array in ["lateral_tensor_xx_yy_zz_xy_yz_xz", "lateral_ratio", "lateral_axis"] {
+        assert!(header.contains(array), "{header}");
+    }
+    let nodes = fs::read_to_string(desk.path("tables/nodes.csv")).unwrap();
+    assert!(
+        nodes
+            .lines()
+            .next()
+            .unwrap()
+            .ends_with("lateral_xx,lateral_yy,lateral_zz,lateral_xy,lateral_xz,lateral_yz")
+    );
+    let columns = |line: &str| line.split(',').count();
+    assert!(nodes.lines().all(|line| columns(line) == 24), "{nodes}");
 }
 
 #[test]
@@ -302,10 +337,12 @@ fn a_reader_that_goes_away_is_no_failure() {
 #[test]
 fn bench_gives_every_regime() {
     let desk = Desk::new();
-    let document = desk.json("bench --triangles 528,2000 --steps 10000 --json");
-    let results = document["results"].as_array().unwrap();
-    assert_eq!(results.len(), 10);
-    for row in results {
+    let plain = desk.json("bench --triangles 528,2000 --steps 10000 --json");
+    let stretched = desk.json("bench --triangles 528 --steps 10000 --anisotropic --json");
+    let [plain, stretched] = [&plain, &stretched].map(|d| d["results"].as_array().unwrap());
+    assert_eq!((plain.len(), stretched.len()), (10, 5));
+    assert!(stretched.iter().all(|row| row["anisotropic"] == true && row["slip"] == "paper"));
+    for row in plain.iter().chain(stretched) {
         let number = |key: &str| row[key].as_f64().unwrap();
         assert!(
             number("median_ns") > 0.0 && number("p99_ns") >= 0.0 && number("p999_ns") >= number("p99_ns")

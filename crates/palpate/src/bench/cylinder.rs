@@ -5,7 +5,7 @@ use crate::spec::{Deflection, Friction};
 use anyhow::Result;
 use glam::DVec3;
 use palpate_body::shape::{Resolution, Shape};
-use palpate_body::{Body, BodyParts, NodeMix, Provenance, SlipRule, Tool};
+use palpate_body::{Body, BodyParts, NodeMix, Provenance, SlipRule, Tool, tensor};
 
 /// m
 pub const RADIUS: f64 = 0.03;
@@ -20,11 +20,12 @@ const LAW: Law =
     Law { normal_n_per_m: 600.0, lateral_n_per_m: 500.0, variation: Variation { around: 0.5, along: 0.2 } };
 
 /// A tube of about this many triangles with the responses of the coarse one's 288 nodes: at 528 triangles every node
-/// is its own test point, elsewhere a node mixes the three of the coarse triangle that it lies in, in (θ, z).
+/// is its own test point, elsewhere a node mixes the three of the coarse triangle that it lies in, in (θ, z). Sideways
+/// it is `ratio` times as stiff along the axis as around it.
 ///
 /// # Errors
 /// So many triangles that a body can't have them.
-pub fn cylinder(triangles: usize) -> Result<Body> {
+pub fn cylinder(triangles: usize, ratio: f64) -> Result<Body> {
     let scale = (triangles as f64 / (2 * AROUND * ALONG) as f64).sqrt();
     let around = (AROUND as f64 * scale).round().max(3.0) as usize;
     let along = (triangles as f64 / (2 * around) as f64).round().max(1.0) as usize;
@@ -40,6 +41,8 @@ pub fn cylinder(triangles: usize) -> Result<Body> {
     let surface = shape.surface(grid(around, along))?;
     let radial = surface.positions().iter().map(|p| -DVec3::new(p.x, p.y, 0.0).normalize_or_zero()).collect();
     let surface = surface.with_inward_normals(radial)?;
+    let tensor = |u: &DVec3| tensor::along(DVec3::Z, ratio, *u).unwrap_or(tensor::IDENTITY);
+    let tensors = surface.inward_normals().iter().map(tensor).collect();
     let mixes = (0..=along).flat_map(|row| (0..around).map(move |column| (row, column)));
     let mixes = mixes.map(|(row, column)| {
         mix(column as f64 / around as f64 * AROUND as f64, row as f64 / along as f64 * ALONG as f64)
@@ -54,7 +57,7 @@ pub fn cylinder(triangles: usize) -> Result<Body> {
         test_point_nodes: test_point_nodes.collect(),
         surface,
         responses,
-        lateral_tensors: None,
+        lateral_tensors: Some(tensors),
         tool: Tool::point(),
         slip: SlipRule::Paper,
         provenance: Provenance::default(),
@@ -85,11 +88,12 @@ mod tests {
 
     #[test]
     fn finer_meshes_have_the_same_responses() {
-        let coarse = cylinder(528).unwrap();
+        let coarse = cylinder(528, 1.0).unwrap();
         assert_eq!((coarse.elements().len(), coarse.nodes().len()), (528, 288));
         assert!(coarse.nodes().iter().enumerate().all(|(i, n)| n.test_points == [i as u32; 3]));
-        let fine = cylinder(528 * 16).unwrap();
+        let fine = cylinder(528 * 16, 1.9).unwrap();
         assert_eq!(fine.elements().len(), 528 * 16);
+        assert!(coarse.is_isotropic() && !fine.is_isotropic());
         for (test_point, &node) in fine.test_point_nodes().iter().enumerate() {
             let node = fine.nodes()[node as usize];
             assert!((node.position - coarse.nodes()[test_point].position).length() < 1e-12);
@@ -99,6 +103,6 @@ mod tests {
             assert!(node.weights.iter().all(|w| *w >= 0.0));
             assert!((node.weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
         }
-        assert!((3000..3600).contains(&cylinder(3300).unwrap().elements().len()));
+        assert!((3000..3600).contains(&cylinder(3300, 1.0).unwrap().elements().len()));
     }
 }

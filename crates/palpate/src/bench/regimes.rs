@@ -43,6 +43,7 @@ pub fn run(body: &Body, regime: &'static str, steps: usize, clock: &Clock) -> Ro
     Row {
         triangles: body.elements().len(),
         regime,
+        anisotropic: !body.is_isotropic(),
         slip: match body.slip() {
             SlipRule::Paper => "paper",
             _ => "other",

@@ -26,6 +26,9 @@ pub struct Args {
     /// Steps of each regime
     #[arg(long, value_name = "N", default_value_t = 200_000)]
     steps: usize,
+    /// Tubes that are 1.9 times as stiff sideways along the axis as around it
+    #[arg(long)]
+    anisotropic: bool,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -50,7 +53,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut rows: Vec<Row> = Vec::new();
     for &triangles in &args.triangles {
         let start = Instant::now();
-        let body = cylinder(triangles)?;
+        let body = cylinder(triangles, if args.anisotropic { 1.9 } else { 1.0 })?;
         let built = start.elapsed().as_secs_f64();
         console::note(&format!("{} triangles: built in {built:.1} s", body.elements().len()));
         rows.extend(REGIMES.map(|regime| run_regime(&body, regime, args.steps, &clock)));

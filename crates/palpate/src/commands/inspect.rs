@@ -80,6 +80,7 @@ fn text(i: &Inspection) -> String {
         ("lateral force at the last knot", between(ranges.largest_lateral_force_n, " N")),
         ("stiffness at the last knot", between(ranges.stiffness_at_full_depth_n_per_m, " N/m")),
         ("lateral stiffness at 0", between(ranges.lateral_stiffness_n_per_m, " N/m")),
+        ("stiffest to softest direction", between(i.lateral_ratio, "")),
         ("friction coefficient", between(ranges.friction, "")),
         ("tool", tools.collect::<Vec<_>>().join(", ")),
         ("slip rule", slip),

@@ -76,7 +76,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     static CANCELLED: AtomicBool = AtomicBool::new(false);
     ctrlc::set_handler(|| CANCELLED.store(true, Ordering::Relaxed))
         .map_err(|e| anyhow!("signals can't be handled ({e})"))?;
-    let Prepared { scene, points: _, solver: physics } = prepare(&spec, &simulation, &args.spec)?;
+    let Prepared { solver: physics, .. } = prepare(&spec, &simulation, &args.spec)?;
     let Physics { mesh, fixed, .. } = &physics;
     let boundary = mesh.boundary().nodes;
     let held = boundary.iter().map(|n| (mesh.positions[*n as usize], fixed.contains_key(n)));

@@ -1,0 +1,311 @@
+//! The lateral force: alike in all directions, or under the tensors of an anisotropic body (MODEL 2 and 7).
+//!
+//! The nodes' tensors mix like everything else, A = Σ n_l A_l. ρ = √(δ_t·A δ_t) takes the place of δr in the lateral
+//! curve, and f_t = f_r(ρ)/ρ w with w = P_û A δ_t that of f_r u_r: the gradient of F_r(ρ), so that stick is
+//! conservative. No tangent basis is needed, and nothing jumps where two of them would meet.
+//!
+//! A step is compiled once for each of the two, so that isotropic bodies pay nothing.
+
+use crate::field::Field;
+use glam::DVec3;
+use palpate_body::{Body, Sample, Tensor, tensor};
+use std::array::from_fn;
+
+/// Below this the lateral deflection is rounding, and its direction noise, m.
+pub(crate) const NO_DIRECTION: f64 = 1e-12;
+
+/// Bound on the iterates of [`Lateral::aim`]; one or two are usual.
+const AIMS: u32 = 6;
+
+/// How the lateral force follows from the lateral deflection; a value is what one evaluation knows of it besides its
+/// [`Field`].
+pub(crate) trait Lateral: Copy + Default {
+    /// Whether f_t lies along δ_t.
+    const ISOTROPIC: bool;
+    /// What it reads of an element's nodes.
+    type Nodes<'a>: Copy;
+
+    /// Of an element.
+    fn nodes(body: &Body, element: u32) -> Self::Nodes<'_>;
+
+    /// Σ n A.
+    fn mix(nodes: Self::Nodes<'_>, n: [f64; 3]) -> Tensor;
+
+    /// From δ_t and its length: ρ, and the direction of f_t, zero where there is none. `project` is P_û.
+    fn of(
+        tensor: impl FnOnce() -> Tensor,
+        tangential: DVec3,
+        lateral: f64,
+        project: impl Fn(DVec3) -> DVec3,
+    ) -> (Self, f64, DVec3);
+
+    /// |f_t| and how fast it falls when c moves along it, the rest held; from the curve's value and slope at ρ.
+    fn pull(&self, value: f64, slope: f64) -> (f64, f64);
+
+    /// ρ, m.
+    fn rho(&self, f: &Field) -> f64;
+
+    /// δ_t·v.
+    fn along_deflection(&self, f: &Field, v: DVec3) -> f64;
+
+    /// Which way slip leads, a unit vector.
+    fn aim(&self, f: &Field) -> DVec3;
+
+    /// How much less f_t falls along `old` than along `new`, or more.
+    fn turned(tensor: impl FnOnce() -> Tensor, old: DVec3, new: DVec3) -> f64;
+
+    /// How f_t changes; `tensors` are A and its rate.
+    fn drift(
+        &self,
+        tensors: impl FnOnce() -> [Tensor; 2],
+        f: &Field,
+        v: DVec3,
+        change: &Change,
+    ) -> LateralDrift;
+}
+
+/// What changes while c moves, the tensor apart.
+pub(crate) struct Change {
+    /// û and its rate, 1/m.
+    pub u: DVec3,
+    pub du: DVec3,
+    /// The rate of δ_t.
+    pub d_tangential: DVec3,
+    /// The lateral curve at ρ, and the rate at which it changes along the surface, N/m.
+    pub curve: Sample,
+    pub gradient: f64,
+}
+
+/// The part of [`Drift`](crate::field::Drift) that comes from f_t.
+pub(crate) struct LateralDrift {
+    /// Its rate, in two parts, N/m.
+    pub force: [DVec3; 2],
+    /// The rate of its component along the way, N/m.
+    pub pull: f64,
+    /// The greatest stiffness in stick, N/m.
+    pub stiffness: f64,
+    /// |∂|f_t|/∂x|, N/m.
+    pub pull_gradient: f64,
+}
+
+/// f_t = f_r(δr) u_r.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Isotropic;
+
+impl Lateral for Isotropic {
+    const ISOTROPIC: bool = true;
+    type Nodes<'a> = ();
+
+    #[inline(always)]
+    fn nodes(_: &Body, _: u32) {}
+
+    #[inline(always)]
+    fn mix((): (), _: [f64; 3]) -> Tensor {
+        tensor::IDENTITY
+    }
+
+    #[inline(always)]
+    fn of(
+        _: impl FnOnce() -> Tensor,
+        tangential: DVec3,
+        lateral: f64,
+        _: impl Fn(DVec3) -> DVec3,
+    ) -> (Self, f64, DVec3) {
+        let u_t = if lateral > 0.0 { tangential * (1.0 / lateral) } else { DVec3::ZERO };
+        (Isotropic, lateral, u_t)
+    }
+
+    #[inline(always)]
+    fn pull(&self, value: f64, slope: f64) -> (f64, f64) {
+        (value, slope)
+    }
+
+    #[inline(always)]
+    fn rho(&self, f: &Field) -> f64 {
+        f.lateral
+    }
+
+    #[inline(always)]
+    fn along_deflection(&self, f: &Field, v: DVec3) -> f64 {
+        f.lateral * f.u_t.dot(v)
+    }
+
+    #[inline(always)]
+    fn aim(&self, f: &Field) -> DVec3 {
+        f.u_t
+    }
+
+    #[inline(always)]
+    fn turned(_: impl FnOnce() -> Tensor, _: DVec3, _: DVec3) -> f64 {
+        1.0
+    }
+
+    #[inline(always)]
+    fn drift(&self, _: impl FnOnce() -> [Tensor; 2], f: &Field, _: DVec3, change: &Change) -> LateralDrift {
+        let d_lateral = f.u_t.dot(change.d_tangential);
+        let du_t = if f.lateral > 0.0 {
+            (change.d_tangential - f.u_t * d_lateral) * (1.0 / f.lateral)
+        } else {
+            DVec3::ZERO
+        };
+        let d_pull = f.pull_slope * d_lateral + change.gradient;
+        let secant = if f.lateral < NO_DIRECTION { 0.0 } else { f.pull / f.lateral };
+        LateralDrift {
+            force: [f.u_t * d_pull, du_t * f.pull],
+            pull: d_pull,
+            stiffness: f.pull_slope.max(secant),
+            pull_gradient: f.pull_slope,
+        }
+    }
+}
+
+/// f_t = f_r(ρ)/ρ P_û A δ_t, as one evaluation found it.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Stretch {
+    /// δ_t, m.
+    deflection: DVec3,
+    /// Its square, m².
+    square: f64,
+    /// ρ, m.
+    rho: f64,
+    /// |w|/ρ.
+    gain: f64,
+}
+
+impl Lateral for Stretch {
+    const ISOTROPIC: bool = false;
+    type Nodes<'a> = [&'a Tensor; 3];
+
+    #[inline(always)]
+    fn nodes(body: &Body, element: u32) -> [&Tensor; 3] {
+        body.element_tensors(element)
+    }
+
+    #[inline(always)]
+    fn mix([a, b, c]: [&Tensor; 3], n: [f64; 3]) -> Tensor {
+        from_fn(|i| n[0] * a[i] + n[1] * b[i] + n[2] * c[i])
+    }
+
+    #[inline(always)]
+    fn of(
+        tensor: impl FnOnce() -> Tensor,
+        tangential: DVec3,
+        lateral: f64,
+        project: impl Fn(DVec3) -> DVec3,
+    ) -> (Self, f64, DVec3) {
+        let tensor = tensor();
+        let stretched = tensor::apply(&tensor, tangential);
+        let w = project(stretched);
+        let (rho2, w2) = (tangential.dot(stretched), w.length_squared());
+        let (mut rho, mut gain, mut u_t) = (0.0, 1.0, DVec3::ZERO);
+        if rho2 > 0.0 && w2 > 0.0 {
+            let length = w2.sqrt();
+            rho = rho2.sqrt();
+            gain = length / rho;
+            u_t = w * (1.0 / length);
+        }
+        (Stretch { deflection: tangential, square: lateral * lateral, rho, gain }, rho, u_t)
+    }
+
+    /// |f_t| = f_r |w|/ρ. Of ∂f_t/∂δ_t = f_r/ρ P A P + (f_r' − f_r/ρ) w wᵀ/ρ² the slope takes P A P for w wᵀ/ρ², which are
+    /// the same along a principal axis; elsewhere it is too low, for a ratio κ by up to 4 κ/(1 + κ)².
+    #[inline(always)]
+    fn pull(&self, value: f64, slope: f64) -> (f64, f64) {
+        (value * self.gain, slope * (self.gain * self.gain))
+    }
+
+    #[inline(always)]
+    fn rho(&self, _: &Field) -> f64 {
+        self.rho
+    }
+
+    #[inline(always)]
+    fn along_deflection(&self, _: &Field, v: DVec3) -> f64 {
+        self.deflection.dot(v)
+    }
+
+    /// As in an implicit step, along f_t where the contact point will come to rest, not where it starts: on a uniform
+    /// plane one iterate is then exact, with and without friction.
+    ///
+    /// While c moves by λ v, f_t = g A δ_t goes to g A (δ_t − λ v), and that is L v if (λ A + ℓ I) v = w, with w = A δ_t
+    /// and ℓ = L/g. In the plane (tr(A) I − A) A = det(A) I, so that v ∝ ℓ w + λ det(A) δ_t: along the force where little
+    /// is left to go, straight under the tip where there is no friction. λ makes v's length 1.
+    #[inline(always)]
+    fn aim(&self, f: &Field) -> DVec3 {
+        // Everything in units of |w|: u_t·δ_t = ρ²/|w|² = 1/gain², and u_t·A u_t = tr(A) − det(A)/gain². A's trace in the
+        // plane is 2 where û is the nodes' own, and never far from it.
+        let (rest, gain2) = (f.limit / f.pull, self.gain * self.gain);
+        let part = (self.rho * self.rho * (2.0 - gain2) / (self.square * gain2)).max(0.0);
+        let (determinant, square) = (part * gain2, part * (2.0 - gain2));
+        // v = ℓ u_t + λ det(A) δ_t has the length det(λ A + ℓ I): a Newton iterate on their quotient, which is nearly linear
+        // in λ, from where the force alone would lead.
+        let mut way = (1.0 - rest) / (2.0 - part);
+        for _ in 0..AIMS {
+            let (forced, straight) = (rest + way * part, rest * part + way * square);
+            let v2 = rest * forced + way * straight;
+            let d = way * (way * determinant + 2.0 * rest) + rest * rest;
+            let miss = d - v2.sqrt();
+            way -= miss * v2 / (2.0 * (way * determinant + rest) * v2 - d * straight);
+            // Newton squares it.
+            if miss.abs() < 0.01 * d {
+                break;
+            }
+        }
+        let v = f.u_t * rest + self.deflection * (way * determinant / (self.gain * self.rho));
+        let v = v.normalize_or(f.u_t);
+        // A direction that has lost the force is none.
+        if f.pull * f.u_t.dot(v) > f.limit { v } else { f.u_t }
+    }
+
+    #[inline(always)]
+    fn turned(tensor: impl FnOnce() -> Tensor, old: DVec3, new: DVec3) -> f64 {
+        let a = tensor();
+        old.dot(tensor::apply(&a, old)) / new.dot(tensor::apply(&a, new))
+    }
+
+    #[inline(always)]
+    fn drift(
+        &self,
+        tensors: impl FnOnce() -> [Tensor; 2],
+        f: &Field,
+        v: DVec3,
+        change: &Change,
+    ) -> LateralDrift {
+        let Change { u, du, d_tangential, curve, gradient } = *change;
+        let ([a, da], deflection) = (tensors(), self.deflection);
+        let project = |v: DVec3| v - u * u.dot(v);
+        let stretched = tensor::apply(&a, deflection);
+        let turned = tensor::apply(&da, deflection);
+        let w = project(stretched);
+        let dw =
+            project(turned + tensor::apply(&a, d_tangential)) - u * du.dot(stretched) - du * u.dot(stretched);
+        // f_t = g w with g = f_r/ρ.
+        let (g, dg, bend) = if self.rho > 0.0 {
+            let per = 1.0 / self.rho;
+            let d_rho = (d_tangential.dot(stretched) + 0.5 * deflection.dot(turned)) * per;
+            let g = curve.value * per;
+            (g, ((curve.slope - g) * d_rho + gradient) * per, (curve.slope - g) * per * per)
+        } else {
+            (curve.slope, 0.0, 0.0)
+        };
+        let force = w * dg + dw * g;
+        // ∂f_t/∂x u_t, and the norm of ∂f_t/∂x = B^½ (g I + (f_r' − g) ŝ ŝᵀ) B^½ with B = P A P.
+        let along = project(tensor::apply(&a, f.u_t)) * g + w * (bend * w.dot(f.u_t));
+        LateralDrift {
+            force: [force, DVec3::ZERO],
+            pull: force.dot(v),
+            stiffness: greatest_eigenvalue(&a, u) * g.max(curve.slope),
+            pull_gradient: along.length(),
+        }
+    }
+}
+
+/// Of a tensor in the plane at right angles to the unit vector `u`.
+fn greatest_eigenvalue(a: &Tensor, u: DVec3) -> f64 {
+    let [xx, yy, zz, xy, xz, yz] = *a;
+    let [x, y, z] = [DVec3::new(xx, xy, xz), DVec3::new(xy, yy, yz), DVec3::new(xz, yz, zz)];
+    let half = 0.5 * (xx + yy + zz - u.dot(tensor::apply(a, u)));
+    // u·adj(A) u is the determinant there.
+    let determinant = u.dot(y.cross(z) * u.x + z.cross(x) * u.y + x.cross(y) * u.z);
+    half + (half * half - determinant).max(0.0).sqrt()
+}
