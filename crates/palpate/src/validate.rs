@@ -461,17 +461,24 @@ fn exact(curve: &Curve) -> Result<Curve> {
 }
 
 /// For each node of the body whether the tool can come there: whether the nearest of the simulated surface's nodes, given
-/// as (position, held), is free.
-pub fn touchable(body: &Body, surface: impl Iterator<Item = (DVec3, bool)>) -> Vec<bool> {
+/// as (position, held), is free, and what is held farther away than `margin_m`, as for test points.
+///
+/// # Errors
+/// As [`palpate_identify::touchable`].
+pub fn touchable(
+    body: &Body,
+    surface: impl Iterator<Item = (DVec3, bool)>,
+    margin_m: f64,
+) -> Result<Vec<bool>> {
     let mut nodes: Vec<(DVec3, bool)> = surface.collect();
     nodes.sort_by(|a, b| a.0.x.total_cmp(&b.0.x));
-    let free = |p: DVec3| {
+    let is_held = |p: DVec3| {
         let mut best = (f64::INFINITY, false);
         // Outwards along x, until x alone is farther than the nearest so far.
         let mut visit = |&(q, held): &(DVec3, bool)| {
             let distance = p.distance_squared(q);
             if distance < best.0 {
-                best = (distance, !held);
+                best = (distance, held);
             }
             (q.x - p.x) * (q.x - p.x) <= best.0
         };
@@ -480,7 +487,8 @@ pub fn touchable(body: &Body, surface: impl Iterator<Item = (DVec3, bool)>) -> V
         let _ = below.iter().rev().all(&mut visit);
         best.1
     };
-    body.nodes().iter().map(|n| free(n.position)).collect()
+    let held: Vec<bool> = body.nodes().iter().map(|n| is_held(n.position)).collect();
+    Ok(palpate_identify::touchable(&body.parts().surface, &held, margin_m)?)
 }
 
 /// Tries paths on `body`. `simulate` gives what a point's plan comes to, or nothing when it was told to stop;

@@ -2,7 +2,7 @@
 
 use super::Failure;
 use super::precompute::cores;
-use crate::precompute::prepare::{Physics, inputs_of, prepare};
+use crate::precompute::prepare::{Physics, inputs_of, margin, prepare};
 use crate::precompute::progress::Progress;
 use crate::precompute::{Prepared, Solver, solver};
 use crate::record::TestPoint;
@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         lateral_max_m: simulation.deflection.lateral_max_m,
         steps: simulation.deflection.steps,
         drag_depths_m: simulation.drag_from.iter().map(|&i| simulation.depths_m[i]).collect(),
-        touchable: touchable(&body, held),
+        touchable: touchable(&body, held, margin(&simulation)?)?,
     };
     let solver = solver(physics, &scene, &simulation)?;
     let simulate = |plan: &PointPlan| {
@@ -123,9 +123,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if validation.cut_short + validation.failed > 0 {
         console::note(&format!(
             "{} of {} paths ended early and count as far as they went; {} have no state and count nowhere",
-            validation.cut_short,
-            trial.paths,
-            validation.failed
+            validation.cut_short, trial.paths, validation.failed
         ));
     }
     Ok(())
