@@ -680,6 +680,8 @@ impl Validation {
                 Some(found.lateral.largest_percent)
             }
         };
+        let [alike, body] = [0, 1].map(|i| self.sources.get(i).map(|s| (s.normal, s.lateral)));
+        let differs = alike != body;
         let distribution = LineChart {
             title: format!("Largest error of a path ({} paths)", self.paths.len()),
             x_label: "paths (%)".into(),
@@ -687,9 +689,13 @@ impl Validation {
             lines: vec![
                 shares("normal", &|p| Some(p.normal_error_percent)),
                 shares("lateral", &|p| Some(p.lateral_error_percent)),
-                shares("lateral, alike in all directions", &lateral_of(Source::Isotropic)),
                 shares("lateral, the place's own responses", &lateral_of(Source::Own)),
-            ],
+            ]
+            .into_iter()
+            .chain(
+                differs.then(|| shares("lateral, alike in all directions", &lateral_of(Source::Isotropic))),
+            )
+            .collect(),
             from_zero: true,
         };
         let mut order: Vec<&PathResult> = self.paths.iter().collect();
