@@ -6,6 +6,9 @@
 //!
 //! Curves pass through every sample: what is noisy must be smoothed first.
 //!
+//! Where samples come from a simulation, [`test_points()`] chooses where to simulate, and [`fit_paths`] makes curves and
+//! lateral tensors of the load paths, with their errors.
+//!
 //! ```no_run
 //! use palpate_body::{Body, BodyParts, Provenance, SlipRule, Tool, shape::Shape};
 //! use palpate_identify::{Fit, FitOptions, fit, read_samples};
@@ -36,4 +39,4 @@ pub use fit::{Fit, FitOptions, FitReport, PointReport, fit};
 pub use paths::{DragRecord, PathFit, PathOptions, PointFit, PointRecord, fit_paths, fit_point};
 pub use samples::{Component, Sample, read_samples};
 pub use spread::{spread, spread_guided};
-pub use test_points::{Amount, test_points};
+pub use test_points::{Amount, test_points, touchable};

@@ -8,6 +8,7 @@
 use crate::error::FitError;
 use crate::fit::{Fit, FitReport, PointReport, SAME_DEFLECTION, knot, rising_end, tidy};
 use crate::spread::{follow, place, spread_everywhere};
+use crate::test_points::check_guide;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use palpate_body::curve::MAX_KNOTS;
 use palpate_body::{Curve, Extension, Interpolation, NodeMix, PointErrors, Response, Surface};
@@ -45,7 +46,9 @@ pub struct PathOptions {
     pub friction: Vec<(f64, f64)>,
     /// Whether the lateral stiffness may differ with the direction.
     pub anisotropic: bool,
-    /// For [`crate::spread_guided`].
+    /// A positive number for each node that the normal force goes with, such as the stiffness of a linear body under
+    /// a patch of load. Mixes are bent so that the force at 60 % of the greatest depth is that of the points around,
+    /// scaled as the guide's power that fits the test points best.
     pub guide: Option<Vec<f64>>,
 }
 
@@ -149,7 +152,8 @@ pub fn fit_paths(
         ));
     }
     if let Some(guide) = &options.guide {
-        follow(&mut mixes, surface, &nodes, guide)?;
+        check_guide(Some(guide), surface.positions().len())?;
+        follow_guide(&mut mixes, &responses, &nodes, guide, &mut notes);
     }
     let deviators: Vec<DMat3> = lateral.into_iter().map(|(_, deviator)| deviator).collect();
     let lateral_tensors = (mixes.iter().zip(surface.inward_normals()))
@@ -172,6 +176,42 @@ pub fn fit_paths(
     };
     let fit = Fit { mixes, responses, test_point_nodes: nodes, report };
     Ok(PathFit { fit, lateral_tensors, errors })
+}
+
+/// Depth at which mixes are bent to a guide, as a share of the last knot: where most of a press's force is felt.
+const GUIDED_DEPTH: f64 = 0.6;
+
+/// Interpolates f/gᵖ instead of f, where g is the guide: f varies many times over between a body's thin and thick parts,
+/// and over far less than the distance of test points; the quotient hardly does.
+fn follow_guide(
+    mixes: &mut [NodeMix],
+    responses: &[Response],
+    nodes: &[u32],
+    guide: &[f64],
+    notes: &mut Vec<String>,
+) {
+    let end = responses[0].normal.knots().last().copied().unwrap_or_default();
+    let forces: Vec<f64> = responses.iter().map(|r| r.normal.value(GUIDED_DEPTH * end)).collect();
+    let own: Vec<f64> = nodes.iter().map(|&n| guide[n as usize]).collect();
+    if forces.iter().any(|f| *f <= 0.0) {
+        notes.push("the guide was not followed: some test points have no force at 60 % of the depth".into());
+        return;
+    }
+    // The line through (ln g, ln f); where g does not vary it tells nothing.
+    let logs: Vec<(f64, f64)> = own.iter().zip(&forces).map(|(g, f)| (g.ln(), f.ln())).collect();
+    let n = logs.len() as f64;
+    let (gm, fm) = logs.iter().fold((0.0, 0.0), |(a, b), l| (a + l.0 / n, b + l.1 / n));
+    let (gg, gf) = logs
+        .iter()
+        .fold((0.0, 0.0), |(gg, gf), l| (gg + (l.0 - gm) * (l.0 - gm), gf + (l.0 - gm) * (l.1 - fm)));
+    let power = if gg > 1e-6 * n { (gf / gg).clamp(0.0, 2.0) } else { 0.0 };
+    for (mix, &g) in mixes.iter_mut().zip(guide) {
+        let values = mix.test_points.map(|t| forces[t as usize]);
+        let quotient: f64 =
+            (0..3).map(|j| mix.weights[j] * values[j] / own[mix.test_points[j] as usize].powf(power)).sum();
+        follow(mix, values, quotient * g.powf(power));
+    }
+    notes.push(format!("mixes follow the guide: the normal force goes as its power {power:.2}"));
 }
 
 fn check(r: usize, record: &PointRecord, surface: &Surface) -> Result<(), FitError> {

@@ -51,24 +51,17 @@ pub fn spread_guided(
     test_point_nodes: &[u32],
     guide: &[f64],
 ) -> Result<Vec<NodeMix>, FitError> {
+    check_guide(Some(guide), surface.positions().len())?;
     let mut mixes = spread(surface, test_point_nodes)?;
-    follow(&mut mixes, surface, test_point_nodes, guide)?;
+    for (mix, &g) in mixes.iter_mut().zip(guide) {
+        follow(mix, mix.test_points.map(|t| guide[test_point_nodes[t as usize] as usize]), g);
+    }
     Ok(mixes)
 }
 
-/// Bends the mixes so that they give the guide.
-pub(crate) fn follow(
-    mixes: &mut [NodeMix],
-    surface: &Surface,
-    test_point_nodes: &[u32],
-    guide: &[f64],
-) -> Result<(), FitError> {
-    check_guide(Some(guide), surface.positions().len())?;
-    for (mix, &g) in mixes.iter_mut().zip(guide) {
-        let own = mix.test_points.map(|t| guide[test_point_nodes[t as usize] as usize]);
-        mix.weights = bend(mix.weights, own.map(|own| own / g - 1.0));
-    }
-    Ok(())
+/// Bends a mix so that it makes `target` of its test points' values; all are positive.
+pub(crate) fn follow(mix: &mut NodeMix, values: [f64; 3], target: f64) {
+    mix.weights = bend(mix.weights, values.map(|value| value / target - 1.0));
 }
 
 /// As [`spread`], but a part of the surface without a test point, such as the wall of a hollow that no tool reaches,

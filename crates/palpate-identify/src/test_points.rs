@@ -21,6 +21,30 @@ pub enum Amount {
     Spacing(f64),
 }
 
+/// Where a tool may come that needs `margin_m` around it: for each node, whether it is farther than that, along the
+/// surface, from all nodes that are `held`. Nearer, the tool would press on what can't give way, and forces rise many
+/// times over within a few millimetres: no interpolation follows that.
+///
+/// # Errors
+/// A mask of another length than the nodes.
+pub fn touchable(surface: &Surface, held: &[bool], margin_m: f64) -> Result<Vec<bool>, FitError> {
+    let nodes = surface.positions().len();
+    if held.len() != nodes {
+        let problem = format!("{} entries for {nodes} nodes", held.len());
+        return Err(FitError::invalid("what is held", problem, "give one for each node"));
+    }
+    let positions = vertex_positions(surface);
+    let length = |a: u32, b: u32| positions[a as usize].distance(positions[b as usize]);
+    let mut geodesic = Geodesic::new(surface, &length);
+    let mut reached = geodesic.unreached();
+    let mut sources: Vec<u32> =
+        surface.vertices().iter().zip(held).filter(|(_, held)| **held).map(|(v, _)| *v).collect();
+    sources.sort_unstable();
+    sources.dedup();
+    geodesic.spread(&mut reached, sources.into_iter().map(|v| (0, v)));
+    Ok(surface.vertices().iter().map(|&v| reached[v as usize].distance > margin_m).collect())
+}
+
 /// Chooses test points among the nodes that `touchable` says can be touched: one entry for each node, which is true
 /// where the tool may come. Some of them lie on its rim, so that little of it lies outside the points' mesh.
 ///

@@ -238,6 +238,52 @@ fn what_was_cut_short_does_what_it_can() {
 }
 
 #[test]
+fn mixes_follow_a_guide_that_the_force_goes_with() {
+    let surface = ball();
+    let nodes =
+        test_points(&surface, &vec![true; surface.positions().len()], Amount::Count(40), None).unwrap();
+    let guide: Vec<f64> =
+        surface.positions().iter().map(|p| 20.0 * (1.2 + (p.x * 90.0).sin() * (p.y * 70.0).cos())).collect();
+    // The force goes as the guide to the power 1.3, and changes slowly besides.
+    let stiffness =
+        |n: u32| 1e3 * guide[n as usize].powf(1.3) * (1.0 + 5.0 * surface.positions()[n as usize].z);
+    let records: Vec<PointRecord> = (nodes.iter())
+        .map(|&n| {
+            Law { normal: stiffness(n), ..Law::isotropic() }.record(
+                n,
+                surface.inward_normals()[n as usize],
+                &[2e-3],
+                4,
+            )
+        })
+        .collect();
+    let errors = |guide: Option<Vec<f64>>| {
+        let fit = fit_paths(&surface, &records, &PathOptions { guide, ..Default::default() }).unwrap().fit;
+        let force = |n: usize| -> f64 {
+            let mix = &fit.mixes[n];
+            (0..3)
+                .map(|j| mix.weights[j] * fit.responses[mix.test_points[j] as usize].normal.value(4e-3))
+                .sum()
+        };
+        let off = |n: usize| (force(n) / (stiffness(n as u32) * 16e-6) - 1.0).abs();
+        let mut errors: Vec<f64> = (0..surface.positions().len()).map(off).collect();
+        errors.sort_by(f64::total_cmp);
+        (errors[errors.len() / 2], errors[errors.len() * 9 / 10], fit.report.notes)
+    };
+    let (plain, plain_90, _) = errors(None);
+    let (median, p90, notes) = errors(Some(guide.clone()));
+    assert!(
+        median < 0.02 && median < plain / 5.0 && p90 < plain_90 / 1.5,
+        "{median} {p90}, without {plain} {plain_90}"
+    );
+    assert!(notes.iter().any(|n| n.contains("its power 1.3") || n.contains("its power 1.2")), "{notes:?}");
+    let options = PathOptions { guide: Some(vec![-1.0; guide.len()]), ..Default::default() };
+    assert!(
+        fit_paths(&surface, &records, &options).map(|_| ()).unwrap_err().to_string().contains("positive")
+    );
+}
+
+#[test]
 fn a_hollow_has_the_nearest_response() {
     // A small ball within the ball.
     let resolution = Resolution { edge_length_mm: Some(4.0), ..Default::default() };

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use palpate_body::shape::{Resolution, Shape};
 use palpate_body::{NodeMix, Surface, TriangleMesh};
-use palpate_identify::{Amount, spread, spread_guided, test_points};
+use palpate_identify::{Amount, spread, spread_guided, test_points, touchable};
 
 fn ball() -> Surface {
     Shape::Sphere { radius_mm: 30.0 }
@@ -124,6 +124,28 @@ fn guided_mixes_give_the_guide() {
     for (a, b) in same.iter().zip(spread(&surface, &points).unwrap()) {
         assert!((0..3).all(|j| (a.weights[j] - b.weights[j]).abs() < 1e-12), "{a:?} {b:?}");
     }
+}
+
+#[test]
+fn a_margin_is_left_along_the_surface() {
+    let surface = sheet(40, |_| 0.0);
+    let held: Vec<bool> = surface.positions().iter().map(|p| p.x < 10.5e-3).collect();
+    let open = touchable(&surface, &held, 5e-3 + 1e-9).unwrap();
+    for (p, open) in surface.positions().iter().zip(open) {
+        assert_eq!(open, p.x > 15.5e-3, "{p}");
+    }
+    // A thin sheet, held from behind.
+    let block = Shape::Block { size_mm: [40.0, 40.0, 2.0] };
+    let surface = block.surface(Resolution { edge_length_mm: Some(2.0), ..Default::default() }).unwrap();
+    let held: Vec<bool> = surface.positions().iter().map(|p| p.z < 0.0).collect();
+    let open = touchable(&surface, &held, 5e-3).unwrap();
+    for (p, open) in surface.positions().iter().zip(open) {
+        let inner = p.z > 0.9e-3 && p.x.abs().max(p.y.abs()) < 16.5e-3;
+        assert!(!inner || open, "{p}");
+        assert!(p.z > 0.9e-3 || !open, "{p}");
+    }
+    assert_eq!(touchable(&surface, &vec![false; held.len()], 1.0).unwrap(), vec![true; held.len()]);
+    assert!(touchable(&surface, &held[1..], 1.0).is_err());
 }
 
 #[test]

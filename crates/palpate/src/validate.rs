@@ -461,17 +461,24 @@ fn exact(curve: &Curve) -> Result<Curve> {
 }
 
 /// For each node of the body whether the tool can come there: whether the nearest of the simulated surface's nodes, given
-/// as (position, held), is free.
-pub fn touchable(body: &Body, surface: impl Iterator<Item = (DVec3, bool)>) -> Vec<bool> {
+/// as (position, held), is free, and what is held farther away than `margin_m`, as for test points.
+///
+/// # Errors
+/// As [`palpate_identify::touchable`].
+pub fn touchable(
+    body: &Body,
+    surface: impl Iterator<Item = (DVec3, bool)>,
+    margin_m: f64,
+) -> Result<Vec<bool>> {
     let mut nodes: Vec<(DVec3, bool)> = surface.collect();
     nodes.sort_by(|a, b| a.0.x.total_cmp(&b.0.x));
-    let free = |p: DVec3| {
+    let is_held = |p: DVec3| {
         let mut best = (f64::INFINITY, false);
         // Outwards along x, until x alone is farther than the nearest so far.
         let mut visit = |&(q, held): &(DVec3, bool)| {
             let distance = p.distance_squared(q);
             if distance < best.0 {
-                best = (distance, !held);
+                best = (distance, held);
             }
             (q.x - p.x) * (q.x - p.x) <= best.0
         };
@@ -480,7 +487,8 @@ pub fn touchable(body: &Body, surface: impl Iterator<Item = (DVec3, bool)>) -> V
         let _ = below.iter().rev().all(&mut visit);
         best.1
     };
-    body.nodes().iter().map(|n| free(n.position)).collect()
+    let held: Vec<bool> = body.nodes().iter().map(|n| is_held(n.position)).collect();
+    Ok(palpate_identify::touchable(&body.parts().surface, &held, margin_m)?)
 }
 
 /// Tries paths on `body`. `simulate` gives what a point's plan comes to, or nothing when it was told to stop;
@@ -672,6 +680,8 @@ impl Validation {
                 Some(found.lateral.largest_percent)
             }
         };
+        let [alike, body] = [0, 1].map(|i| self.sources.get(i).map(|s| (s.normal, s.lateral)));
+        let differs = alike != body;
         let distribution = LineChart {
             title: format!("Largest error of a path ({} paths)", self.paths.len()),
             x_label: "paths (%)".into(),
@@ -679,9 +689,13 @@ impl Validation {
             lines: vec![
                 shares("normal", &|p| Some(p.normal_error_percent)),
                 shares("lateral", &|p| Some(p.lateral_error_percent)),
-                shares("lateral, alike in all directions", &lateral_of(Source::Isotropic)),
                 shares("lateral, the place's own responses", &lateral_of(Source::Own)),
-            ],
+            ]
+            .into_iter()
+            .chain(
+                differs.then(|| shares("lateral, alike in all directions", &lateral_of(Source::Isotropic))),
+            )
+            .collect(),
             from_zero: true,
         };
         let mut order: Vec<&PathResult> = self.paths.iter().collect();

@@ -3,7 +3,7 @@
 use super::Failure;
 use super::precompute::cores;
 use crate::precompute::elements::Elements;
-use crate::precompute::prepare::{Physics, inputs_of, prepare};
+use crate::precompute::prepare::{Physics, inputs_of, margin, prepare};
 use crate::precompute::progress::Progress;
 use crate::precompute::{Prepared, Solver};
 use crate::record::TestPoint;
@@ -87,7 +87,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         lateral_max_m: simulation.deflection.lateral_max_m,
         steps: simulation.deflection.steps,
         drag_depths_m: simulation.drag_from.iter().map(|&i| simulation.depths_m[i]).collect(),
-        touchable: touchable(&body, held),
+        touchable: touchable(&body, held, margin(&simulation)?)?,
     };
     let solver = Elements::new(physics, &simulation, &args.spec)?;
     let simulate = |plan: &PointPlan| {
@@ -124,9 +124,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if validation.cut_short + validation.failed > 0 {
         console::note(&format!(
             "{} of {} paths ended early and count as far as they went; {} have no state and count nowhere",
-            validation.cut_short,
-            trial.paths,
-            validation.failed
+            validation.cut_short, trial.paths, validation.failed
         ));
     }
     Ok(())

@@ -11,7 +11,7 @@ use crate::spec::{
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
 use palpate_body::Surface;
-use palpate_identify::{Amount, test_points};
+use palpate_identify::{Amount, test_points, touchable};
 use palpate_simulate::material::{self, Bulk};
 use palpate_simulate::mesh::check::check;
 use palpate_simulate::{Drag, PointPlan, TetMesh};
@@ -307,6 +307,14 @@ fn made_of(given: &Material) -> Result<material::Material> {
     Ok(made?)
 }
 
+/// How far from what is held the tool stays, m: by its radius, so that it touches nothing that can't give way.
+///
+/// # Errors
+/// The tool's size is not known.
+pub fn margin(simulation: &Simulation) -> Result<f64> {
+    super::volume::tool_radius(simulation)
+}
+
 /// The test points' nodes, ascending; or in the spec's order, where it names them.
 fn choose(
     simulation: &Simulation,
@@ -315,11 +323,17 @@ fn choose(
     path: &Path,
     notes: &mut Vec<String>,
 ) -> Result<Vec<u32>> {
+    let touchable = touchable(surface, held, margin(simulation)?)?;
     let amount = match &simulation.test_points {
         TestPoints::Count(count) => {
             // One for each vertex at most.
-            let mut free: Vec<u32> =
-                surface.vertices().iter().zip(held).filter(|(_, held)| !**held).map(|(v, _)| *v).collect();
+            let mut free: Vec<u32> = surface
+                .vertices()
+                .iter()
+                .zip(&touchable)
+                .filter(|(_, open)| **open)
+                .map(|(v, _)| *v)
+                .collect();
             free.sort_unstable();
             free.dedup();
             let count = *count as usize;
@@ -331,7 +345,6 @@ fn choose(
         TestPoints::Spacing(spacing) => Amount::Spacing(*spacing),
         TestPoints::At(points) => return named_points(points, surface, held, path, notes),
     };
-    let touchable: Vec<bool> = held.iter().map(|h| !h).collect();
     test_points(surface, &touchable, amount, None)
         .map_err(|e| anyhow!("{}: [test_points]: {e}", path.display()))
 }
