@@ -209,8 +209,8 @@ impl Lateral for Stretch {
         (Stretch { deflection: tangential, square: lateral * lateral, rho, gain }, rho, u_t)
     }
 
-    /// |f_t| = f_r |w|/ρ. Of ∂f_t/∂δ_t = f_r/ρ P A P + (f_r' − f_r/ρ) w wᵀ/ρ² the slope takes P A P for w wᵀ/ρ², which are
-    /// the same along a principal axis; elsewhere it is too low, for a ratio κ by up to 4 κ/(1 + κ)².
+    /// |f_t| = f_r |w|/ρ. Of ∂f_t/∂δ_t = f_r/ρ P A P + (f_r' − f_r/ρ) w wᵀ/ρ² the slope takes w wᵀ/ρ² for P A P, which are
+    /// the same along a principal axis; elsewhere it is too low, for a ratio κ by a factor down to 4 κ/(1 + κ)².
     #[inline(always)]
     fn pull(&self, value: f64, slope: f64) -> (f64, f64) {
         (value * self.gain, slope * (self.gain * self.gain))
