@@ -14,8 +14,10 @@ use std::array::from_fn;
 /// Below this the lateral deflection is rounding, and its direction noise, m.
 pub(crate) const NO_DIRECTION: f64 = 1e-12;
 
-/// Bound on the iterates of [`Lateral::aim`]; one or two are usual.
+/// Bound on the iterates of [`Lateral::aim`]; mostly none are needed, else two or three.
 const AIMS: u32 = 6;
+/// How near the squared length of a way comes to the one wanted before they begin.
+const NEAR: f64 = 2e-3;
 
 /// How the lateral force follows from the lateral deflection; a value is what one evaluation knows of it besides its
 /// [`Field`].
@@ -207,8 +209,8 @@ impl Lateral for Stretch {
         (Stretch { deflection: tangential, square: lateral * lateral, rho, gain }, rho, u_t)
     }
 
-    /// |f_t| = f_r |w|/ρ. Of ∂f_t/∂δ_t = f_r/ρ P A P + (f_r' − f_r/ρ) w wᵀ/ρ² the slope takes P A P for w wᵀ/ρ², which are
-    /// the same along a principal axis; elsewhere it is too low, for a ratio κ by up to 4 κ/(1 + κ)².
+    /// |f_t| = f_r |w|/ρ. Of ∂f_t/∂δ_t = f_r/ρ P A P + (f_r' − f_r/ρ) w wᵀ/ρ² the slope takes w wᵀ/ρ² for P A P, which are
+    /// the same along a principal axis; elsewhere it is too low, for a ratio κ by a factor down to 4 κ/(1 + κ)².
     #[inline(always)]
     fn pull(&self, value: f64, slope: f64) -> (f64, f64) {
         (value * self.gain, slope * (self.gain * self.gain))
@@ -225,36 +227,33 @@ impl Lateral for Stretch {
     }
 
     /// As in an implicit step, along f_t where the contact point will come to rest, not where it starts: on a uniform
-    /// plane one iterate is then exact, with and without friction.
+    /// plane one iterate is then nearly enough, with and without friction.
     ///
     /// While c moves by λ v, f_t = g A δ_t goes to g A (δ_t − λ v), and that is L v if (λ A + ℓ I) v = w, with w = A δ_t
     /// and ℓ = L/g. In the plane (tr(A) I − A) A = det(A) I, so that v ∝ ℓ w + λ det(A) δ_t: along the force where little
     /// is left to go, straight under the tip where there is no friction. λ makes v's length 1.
     #[inline(always)]
     fn aim(&self, f: &Field) -> DVec3 {
-        // Everything in units of |w|: u_t·δ_t = ρ²/|w|² = 1/gain², and u_t·A u_t = tr(A) − det(A)/gain². A's trace in the
-        // plane is 2 where û is the nodes' own, and never far from it.
-        let (rest, gain2) = (f.limit / f.pull, self.gain * self.gain);
+        // With |w| as the unit u_t·δ_t = ρ²/|w|² = 1/gain², and u_t·A u_t = tr(A) − det(A)/gain². A's trace in the plane is
+        // 2 where û is the nodes' own, and never far from it.
+        let gain2 = self.gain * self.gain;
         let part = (self.rho * self.rho * (2.0 - gain2) / (self.square * gain2)).max(0.0);
         let (determinant, square) = (part * gain2, part * (2.0 - gain2));
-        // v = ℓ u_t + λ det(A) δ_t has the length det(λ A + ℓ I): a Newton iterate on their quotient, which is nearly linear
-        // in λ, from where the force alone would lead.
-        let mut way = (1.0 - rest) / (2.0 - part);
-        for _ in 0..AIMS {
-            let (forced, straight) = (rest + way * part, rest * part + way * square);
-            let v2 = rest * forced + way * straight;
-            let d = way * (way * determinant + 2.0 * rest) + rest * rest;
-            let miss = d - v2.sqrt();
-            way -= miss * v2 / (2.0 * (way * determinant + rest) * v2 - d * straight);
-            // Newton squares it.
-            if miss.abs() < 0.01 * d {
-                break;
-            }
+        let straight = self.deflection * (determinant / (self.gain * self.rho));
+        // v along a u_t + b det(A) δ_t with a : b = ℓ : λ; λ from where the force alone would lead, (1 − ℓ)/(u_t·A u_t), is
+        // mostly near enough. In whatever unit a and b are, no quotient has to be waited for.
+        let (mut a, mut b) = (f.limit * (2.0 - part), f.pull - f.limit);
+        let length2 = |a: f64, b: f64| a * (a + 2.0 * b * part) + b * b * square;
+        let mut v2 = length2(a, b);
+        let d = (b * (b * determinant + 2.0 * a) + a * a) / (f.pull * (2.0 - part));
+        if (d * d - v2).abs() >= NEAR * v2 {
+            (a, b) = share(f.limit / f.pull, part, determinant, square);
+            v2 = length2(a, b);
         }
-        let v = f.u_t * rest + self.deflection * (way * determinant / (self.gain * self.rho));
-        let v = v.normalize_or(f.u_t);
-        // A direction that has lost the force is none.
-        if f.pull * f.u_t.dot(v) > f.limit { v } else { f.u_t }
+        let per = 1.0 / v2.sqrt();
+        let v = (f.u_t * a + straight * b) * per;
+        // A direction that has lost the force, or is none, leads nowhere.
+        if f.pull * (a + b * part) * per > f.limit && v.is_finite() { v } else { f.u_t }
     }
 
     #[inline(always)]
@@ -298,6 +297,25 @@ impl Lateral for Stretch {
             pull_gradient: along.length(),
         }
     }
+}
+
+/// ℓ and λ in units of |w|: v = ℓ u_t + λ det(A) δ_t has the length det(λ A + ℓ I), by Newton's method on the quotient of
+/// the two, which is nearly linear in λ.
+#[cold]
+fn share(rest: f64, part: f64, determinant: f64, square: f64) -> (f64, f64) {
+    let mut way = (1.0 - rest) / (2.0 - part);
+    for _ in 0..AIMS {
+        let (forced, straight) = (rest + way * part, rest * part + way * square);
+        let v2 = rest * forced + way * straight;
+        let d = way * (way * determinant + 2.0 * rest) + rest * rest;
+        let miss = d - v2.sqrt();
+        way -= miss * v2 / (2.0 * (way * determinant + rest) * v2 - d * straight);
+        // Newton squares it.
+        if miss.abs() < NEAR * d {
+            break;
+        }
+    }
+    (rest, way)
 }
 
 /// Of a tensor in the plane at right angles to the unit vector `u`.

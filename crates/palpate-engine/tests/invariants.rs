@@ -338,7 +338,7 @@ proptest! {
             o = step(&mut contact, &rough, start + way * (stride * f64::from(i)));
         }
         let expected = DVec3::Z * normal - way * (mu * normal);
-        prop_assert!(steps == 0 || (force(&o) - expected).length() < 1e-3 * mu * normal, "{:?} {expected}", force(&o));
+        prop_assert!(steps == 0 || (force(&o) - expected).length() < 3e-3 * mu * normal, "{:?} {expected}", force(&o));
         prop_assert_eq!(contact.counters().capped, 0);
 
         let slick = anisotropic_plane(cells, [kz, kr, 0.0], axis, ratio);
