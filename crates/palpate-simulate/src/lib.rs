@@ -20,6 +20,7 @@ mod model;
 pub mod path;
 mod simulate;
 mod stiffness;
+mod stiffness_at;
 pub mod tool;
 
 pub use equilibrium::Counts;
