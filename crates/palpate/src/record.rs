@@ -398,7 +398,7 @@ impl Record {
     fn layout(&self) -> Vec<(String, Dtype, Vec<usize>)> {
         let mut layout = Vec::new();
         let (states, fields): (Vec<_>, Vec<_>) =
-            self.points.values().map(|p| p.tensors().into()).map(|[s, f]: [_; 2]| (s, f)).unzip();
+            self.points.values().map(Point::tensors).map(|[s, f]| (s, f)).unzip();
         let scene = self.scene.as_ref();
         if let Some(scene) = scene {
             layout.push((SURFACE_POSITIONS.into(), F64, vec![scene.surface.positions.len(), 3]));

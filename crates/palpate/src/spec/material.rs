@@ -309,7 +309,7 @@ fn check_rest(
     material: &Material,
 ) -> Result<()> {
     let (mu, k) = (material.shear_modulus_pa(), material.bulk_modulus_pa());
-    if !(mu >= *MODULI.start() && mu <= *MODULI.end()) && !matches!(material.volume, Volume::BulkModulus(_)) {
+    if matches!(material.volume, Volume::PoissonRatio(_)) && !MODULI.contains(&mu) {
         let problem = format!("at rest {name}'s shear modulus is {mu} Pa with these parameters");
         return Err(source.error(span, &problem, "correct them so that it is positive"));
     }
