@@ -22,7 +22,7 @@ mod simulate;
 mod stiffness;
 pub mod tool;
 
-pub use equilibrium::Counts;
+pub use equilibrium::{Counts, RESIDUAL_TOLERANCE};
 pub use error::{Result, SimulateError};
 pub use material::Material;
 pub use mesh::TetMesh;
