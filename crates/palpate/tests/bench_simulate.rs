@@ -180,8 +180,8 @@ fn wrong_tables_are_refused_with_their_place() {
         cells[cell] = by;
         tetrahedra.replacen(first, &cells.join(","), 1)
     };
-    let mut turned = cells.clone();
-    turned.swap(0, 1);
+    let turned = [1, 0, 2, 3, 4, 6, 5, 8, 7, 9].map(|i| cells[i]);
+    let gmsh = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8].map(|i| cells[i]);
     let cases: &[(&str, String, &[&str])] = &[
         ("n.csv", nodes.replace("x_m", "x_mm"), &["n.csv:2", "x_m is missing"]),
         ("n.csv", nodes.replacen("0,0,0", "0,0,zero", 1), &["n.csv:3", "z_m is `zero`"]),
@@ -191,6 +191,11 @@ fn wrong_tables_are_refused_with_their_place() {
         ("t.csv", replaced(4, "-1"), &["t.csv:2", "n4 is -1"]),
         ("t.csv", replaced(4, "1.5"), &["t.csv:2", "n4 is 1.5", "whole numbers"]),
         ("t.csv", replaced(4, cells[0]), &["t.csv:2", "is there twice"]),
+        (
+            "t.csv",
+            tetrahedra.replacen(first, &gmsh.join(","), 1),
+            &["t.csv:2", "n8 is not between n1 and n3", "01, 12, 20, 03, 13, 23"],
+        ),
         ("t.csv", tetrahedra.replacen(first, &turned.join(","), 1), &["t.csv", "element 0", "folded"]),
         ("t.csv", tetrahedra.replacen(first, "1,2,3", 1), &["t.csv:2", "3 values for 10 columns"]),
         ("p.csv", "node\n".into(), &["p.csv", "no row"]),

@@ -9,6 +9,7 @@ use crate::csv_table::Table;
 use crate::files::read_text;
 use anyhow::{Result, anyhow};
 use glam::DVec3;
+use palpate_simulate::mesh::EDGES;
 use palpate_simulate::{Counts, Fixed, Material, Model, TetMesh};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -91,6 +92,16 @@ impl Part {
                     return Err(table.error(row, &problem));
                 }
                 used[*node as usize] = true;
+            }
+            for (i, [a, b]) in EDGES.into_iter().enumerate() {
+                let [a_m, b_m, middle] = [a, b, 4 + i].map(|n| positions[element[n] as usize]);
+                if middle.distance((a_m + b_m) / 2.0) > 0.25 * a_m.distance(b_m) {
+                    let node = 4 + i;
+                    let problem = format!(
+                        "n{node} is not between n{a} and n{b}; give the nodes on edges in the order 01, 12, 20, 03, 13, 23"
+                    );
+                    return Err(table.error(row, &problem));
+                }
             }
             elements.push(element);
         }

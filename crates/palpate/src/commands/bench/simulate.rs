@@ -246,6 +246,12 @@ fn document(reference: &Reference, path: &Outcome, further: &Outcome, times: &[(
     }})
 }
 
+/// To 10 nN, and no minus before a zero.
+fn newtons(force_n: f64) -> String {
+    let text = format!("{force_n:.8}");
+    if text == "-0.00000000" { text[1..].to_owned() } else { text }
+}
+
 fn text(path: &Outcome, further: &Outcome, times: &[(&str, Spent)]) -> String {
     let words = |words: &[&str]| words.iter().map(|w| (*w).to_owned()).collect::<Vec<_>>();
     let mut rows =
@@ -254,8 +260,8 @@ fn text(path: &Outcome, further: &Outcome, times: &[(&str, Spent)]) -> String {
         vec![
             format!("{:.3}", s.depth_m * 1e3),
             format!("{:.3}", s.distance_m * 1e3),
-            format!("{:.8}", s.force_n),
-            format!("{:.8}", s.tangential_force_n),
+            newtons(s.force_n),
+            newtons(s.tangential_force_n),
             s.newton_steps.to_string(),
         ]
     }));
