@@ -132,7 +132,7 @@ impl Options {
         if !(self.depth_mm > 0.0 && self.depth_mm <= 1e3) {
             bail!("--depth-mm {}: give a positive number up to 1000", self.depth_mm);
         }
-        if !(self.drag_mm.abs() <= 1e3) {
+        if !(-1e3..=1e3).contains(&self.drag_mm) {
             bail!("--drag-mm {}: give a number between -1000 and 1000", self.drag_mm);
         }
         Ok(Plan {
