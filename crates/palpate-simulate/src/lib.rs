@@ -23,7 +23,7 @@ mod stiffness;
 mod stiffness_at;
 pub mod tool;
 
-pub use equilibrium::Counts;
+pub use equilibrium::{Counts, RESIDUAL_TOLERANCE};
 pub use error::{Result, SimulateError};
 pub use material::Material;
 pub use mesh::TetMesh;
