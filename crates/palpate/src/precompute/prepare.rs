@@ -118,7 +118,11 @@ pub fn prepare(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Prep
     let named = |e: palpate_simulate::SimulateError| anyhow!("{}: {e}", name.display());
     notes.extend(check(&mesh, &holds).map_err(named)?);
     let solver = Elements::new(Physics { mesh, materials, fixed }, simulation, path)?;
-    let guide = guide(solver.model(), &surface, margin(simulation)?);
+    let named = match &simulation.test_points {
+        TestPoints::At(points) => points.len(),
+        _ => usize::MAX,
+    };
+    let guide = guide(solver.model(), &surface, named, margin(simulation)?);
     let nodes = choose(simulation, &surface, &held, &guide, path, &mut notes)?;
     let points = nodes.into_iter().map(|node| TestPoint {
         node,
@@ -140,13 +144,19 @@ pub fn prepare(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Prep
     Ok(Prepared { scene, points, solver })
 }
 
+/// So few test points, named by the spec, need no guide between them.
+const UNGUIDED: usize = 3;
+
 /// Places at which the stiffness at rest is found; between them it is interpolated.
-const GUIDED: usize = 2000;
+const GUIDED: usize = 600;
 
 /// The body's stiffness at rest under a patch as wide as the tool, N/m, at each of the surface's nodes: what its
 /// responses go with from place to place, and known everywhere for one substitution each.
-fn guide(model: &Model, surface: &Surface, radius_m: f64) -> Vec<f64> {
+fn guide(model: &Model, surface: &Surface, points: usize, radius_m: f64) -> Vec<f64> {
     let positions = surface.positions();
+    if points <= UNGUIDED {
+        return vec![1.0; positions.len()];
+    }
     let (places, of) = sparse(positions, surface.inward_normals());
     let at = |&n: &u32| {
         let n = n as usize;
