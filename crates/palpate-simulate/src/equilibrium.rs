@@ -34,6 +34,9 @@ const FIRST_FORCING: f64 = 1e-2;
 /// Iterations of one solve, whatever the factor.
 const MAX_CONJUGATE: u32 = 200;
 
+/// Iterations of one equilibrium's solves together; beyond, the load step is cut.
+const MAX_CONJUGATE_TOGETHER: u32 = 500;
+
 /// Full steps in a row that need not lower the energy.
 const MAX_TRUSTED: u32 = 3;
 
@@ -47,7 +50,7 @@ const ROUNDING: f64 = 1e-11;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Failure {
     Cancelled,
-    /// Too many Newton steps.
+    /// Too many steps.
     Slow,
     /// No step along the direction lowers the energy.
     Stuck,
@@ -59,7 +62,7 @@ impl Failure {
     pub fn words(self) -> &'static str {
         match self {
             Failure::Cancelled => "it was interrupted",
-            Failure::Slow => "the equilibrium was not found in 60 Newton steps, however small the load step",
+            Failure::Slow => "no equilibrium was found with the steps allowed: the body softens or buckles here",
             Failure::Stuck => "no step lowers the energy any more: the surface folds or buckles here",
             Failure::Inverted => "elements would be turned inside out, however small the load step",
         }
@@ -249,6 +252,7 @@ impl<'m> Solver<'m> {
         }
         let mut last_norm = None;
         let mut watch = None;
+        let before = self.counts.conjugate;
         let share = if matches!(load, Load::Tool(_)) { TOOL_TOLERANCE } else { TOLERANCE };
         for iteration in 0..MAX_NEWTON {
             if cancelled.load(Ordering::Relaxed) {
@@ -259,6 +263,9 @@ impl<'m> Solver<'m> {
                 share * load.reaction(self.model, &self.u, &self.gradient).max(self.model.least_force_n);
             if norm <= target {
                 return Ok(iteration);
+            }
+            if self.counts.conjugate - before > MAX_CONJUGATE_TOGETHER {
+                return Err(Failure::Slow);
             }
             if self.wasted > self.model.symbolic.factor_in_solves {
                 self.refactor();
