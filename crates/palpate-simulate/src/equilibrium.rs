@@ -35,7 +35,7 @@ const FIRST_FORCING: f64 = 1e-2;
 const MAX_CONJUGATE: u32 = 200;
 
 /// Iterations of one equilibrium's solves together; beyond, the load step is cut.
-const MAX_CONJUGATE_TOGETHER: u32 = 500;
+const MAX_CONJUGATE_TOGETHER: u32 = 1000;
 
 /// Full steps in a row that need not lower the energy.
 const MAX_TRUSTED: u32 = 3;
@@ -62,7 +62,9 @@ impl Failure {
     pub fn words(self) -> &'static str {
         match self {
             Failure::Cancelled => "it was interrupted",
-            Failure::Slow => "no equilibrium was found with the steps allowed: the body softens or buckles here",
+            Failure::Slow => {
+                "no equilibrium was found with the steps allowed: the body softens or buckles here"
+            }
             Failure::Stuck => "no step lowers the energy any more: the surface folds or buckles here",
             Failure::Inverted => "elements would be turned inside out, however small the load step",
         }
@@ -223,23 +225,41 @@ impl<'m> Solver<'m> {
 
     /// Moves the body along with a small move of its load, to first order.
     pub fn follow(&mut self, load: &Load, move_by: DVec3) {
-        let n = self.u.len();
-        let (mut moved, mut forces) = (vec![0.0; n], vec![0.0; n]);
-        self.assemble(load);
         match load {
             Load::Held(unknowns) => {
+                let mut moved = vec![0.0; self.u.len()];
                 for &unknown in unknowns {
                     moved[unknown] = move_by[unknown % 3];
                 }
-                self.stiffness.multiply(&self.model.pattern, &moved, &mut forces);
+                self.carry(load, &moved);
             }
-            Load::Tool(contact) => contact.pull(self.model, &self.u, move_by, &mut forces),
+            Load::Tool(contact) => {
+                let mut forces = vec![0.0; self.u.len()];
+                self.assemble(load);
+                contact.pull(self.model, &self.u, move_by, &mut forces);
+                self.settle(&forces);
+            }
         }
-        let tolerance = FIRST_FORCING * self.free_norm(&forces);
+    }
+
+    /// Moves held unknowns by `moved`, and the others along to first order.
+    pub fn carry(&mut self, load: &Load, moved: &[f64]) {
+        let mut forces = vec![0.0; self.u.len()];
+        self.assemble(load);
+        self.stiffness.multiply(&self.model.pattern, moved, &mut forces);
+        self.settle(&forces);
+        for (u, moved) in self.u.iter_mut().zip(moved) {
+            *u += moved;
+        }
+    }
+
+    /// Adds −K⁻¹ `forces`, about.
+    fn settle(&mut self, forces: &[f64]) {
+        let tolerance = FIRST_FORCING * self.free_norm(forces);
         if tolerance > 0.0 {
-            let d = self.direction(&forces, tolerance);
-            for ((u, moved), d) in self.u.iter_mut().zip(&moved).zip(&d) {
-                *u += moved + d;
+            let d = self.direction(forces, tolerance);
+            for (u, d) in self.u.iter_mut().zip(&d) {
+                *u += d;
             }
         }
     }

@@ -9,6 +9,7 @@
 #![warn(missing_docs)]
 
 mod contact;
+mod displace;
 mod element;
 mod equilibrium;
 mod error;
@@ -22,6 +23,7 @@ mod simulate;
 mod stiffness;
 pub mod tool;
 
+pub use displace::Deformed;
 pub use equilibrium::Counts;
 pub use error::{Result, SimulateError};
 pub use material::Material;

@@ -16,8 +16,8 @@ const MAX_CUTS: u32 = 6;
 
 /// Newton steps and conjugate-gradient iterations for one state: beyond, a load step that fails is the last. Where a law
 /// collapses every step fails, and slowly; states that are found at all took a third of this at most.
-const MAX_NEWTON: u32 = 200;
-const MAX_CONJUGATE: u32 = 2000;
+const MAX_NEWTON: u32 = 300;
+const MAX_CONJUGATE: u32 = 3000;
 
 /// Of the tool's force: less than that, let go by points that have left the tool, changes nothing worth a solve.
 const LET_GO: f64 = 3e-3;

@@ -62,7 +62,8 @@ impl Cylinder {
             self.mesh.elements.push([a, b, d, c, ab, bd, ad, ca, bc, cd]);
             self.mesh.regions.push(0);
         }
-        let twins: Vec<u32> = self.patch.iter().map(|n| twin[n]).filter(|n| !self.patch.contains(n)).collect();
+        let twins: Vec<u32> =
+            self.patch.iter().map(|n| twin[n]).filter(|n| !self.patch.contains(n)).collect();
         self.patch.extend(twins);
         self
     }
@@ -74,8 +75,7 @@ impl Cylinder {
             let end = p.z.abs() > ends;
             [end || p.x.abs() < 1e-9, end, end || (!whole && p.z.abs() < 1e-9)]
         });
-        let patch: Vec<Fixed> =
-            self.patch.iter().map(|&node| Fixed { node, axes: [true; 3] }).collect();
+        let patch: Vec<Fixed> = self.patch.iter().map(|&node| Fixed { node, axes: [true; 3] }).collect();
         let way: Vec<DVec3> = way.iter().map(|[y, z]| DVec3::new(0.0, -y, *z) * 1e-3).collect();
         moved(&self.mesh, material, &fixed, &patch, &way).0
     }
@@ -127,7 +127,9 @@ fn drag_along_the_axis() {
     let path = cylinder.path(&LOGARITHMIC, &[[2.5, 0.0], [5.0, 0.0], [5.0, 1.0], [5.0, 2.0]], true);
     assert_eq!(path.stopped, None);
     // Tangential and normal, N.
-    for (i, expected) in [(1, [0.0, 0.77911398]), (2, [0.15062001, 0.77992608]), (3, [0.30109698, 0.78246447])] {
+    for (i, expected) in
+        [(1, [0.0, 0.77911398]), (2, [0.15062001, 0.77992608]), (3, [0.30109698, 0.78246447])]
+    {
         let force = path.states[i].force_n;
         let found = [2.0 * force.z, -2.0 * force.y];
         println!("{i}: {found:?}, reference {expected:?}");

@@ -33,3 +33,44 @@ pub fn moved(
     println!("{} unknowns, {:.1} s, {counts:?}", model.unknowns(), start.elapsed().as_secs_f64());
     (path, model)
 }
+
+/// Integration over a tetrahedron: points (area coordinates) and weights that sum to one; exact to degree 5 (Keast
+/// 1986, 15 points).
+pub fn fine_rule() -> Vec<([f64; 4], f64)> {
+    let root = 15f64.sqrt();
+    let mut rule = vec![([0.25; 4], 16.0 / 135.0)];
+    for sign in [1.0, -1.0] {
+        let a = (7.0 - sign * root) / 34.0;
+        for i in 0..4 {
+            let mut at = [a; 4];
+            at[i] = 1.0 - 3.0 * a;
+            rule.push((at, (2665.0 + sign * 14.0 * root) / 37800.0));
+        }
+    }
+    let (a, b) = ((10.0 - 2.0 * root) / 40.0, (10.0 + 2.0 * root) / 40.0);
+    for i in 0..4 {
+        for j in 0..i {
+            let mut at = [a; 4];
+            (at[i], at[j]) = (b, b);
+            rule.push((at, 20.0 / 378.0));
+        }
+    }
+    rule
+}
+
+/// The ten shape functions at area coordinates, and their derivatives by coordinates 1, 2, 3.
+pub fn shape(at: [f64; 4]) -> ([f64; 10], [[f64; 3]; 10]) {
+    const L: [[f64; 3]; 4] = [[-1.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let (mut values, mut slopes) = ([0.0; 10], [[0.0; 3]; 10]);
+    for i in 0..10 {
+        if i < 4 {
+            values[i] = at[i] * (2.0 * at[i] - 1.0);
+            slopes[i] = L[i].map(|l| (4.0 * at[i] - 1.0) * l);
+        } else {
+            let [a, b] = palpate_simulate::mesh::EDGES[i - 4];
+            values[i] = 4.0 * at[a] * at[b];
+            slopes[i] = std::array::from_fn(|k| 4.0 * (at[a] * L[b][k] + at[b] * L[a][k]));
+        }
+    }
+    (values, slopes)
+}
