@@ -4,9 +4,9 @@
 mod support;
 
 use glam::DVec3;
-use palpate_simulate::{Fixed, Material, Model, TetMesh};
+use palpate_simulate::{Fixed, Material, Model};
 use std::sync::atomic::AtomicBool;
-use support::{fine_rule, hold, shape};
+use support::{cube, fine_rule, hold, shape};
 
 /// Displacement and its gradient: u_i = A (F_i (3 − 4ν)/r + x_i (F·x)/r³), whatever A is.
 fn point_force(at: DVec3, poisson: f64) -> (DVec3, [[f64; 3]; 3]) {
@@ -33,43 +33,6 @@ fn kelvin(at: DVec3, poisson: f64) -> (DVec3, [[f64; 3]; 3]) {
     let (u, gradient) = point_force(at, poisson);
     let u = u - origin - columns[0] * at.x - columns[1] * at.y;
     (u, std::array::from_fn(|i| std::array::from_fn(|j| gradient[i][j] - columns[j][i])))
-}
-
-/// A unit cube of n³ cells, each of six tetrahedra, its inner nodes shaken so that no order is a gift of symmetry.
-fn cube(n: usize) -> TetMesh {
-    let index = |i: usize, j: usize, k: usize| ((i * (n + 1) + j) * (n + 1) + k) as u32;
-    let mut positions = Vec::new();
-    for i in 0..=n {
-        for j in 0..=n {
-            for k in 0..=n {
-                let p = DVec3::new(i as f64, j as f64, k as f64) / n as f64;
-                let inside = [i, j, k].iter().all(|&c| c > 0 && c < n);
-                // Smooth, so that elements stay as well shaped on finer meshes.
-                let shift =
-                    DVec3::new((7.0 * p.y).sin(), (7.0 * p.z).sin(), (7.0 * p.x).sin()) * (0.12 / n as f64);
-                positions.push(if inside { p + shift } else { p });
-            }
-        }
-    }
-    let mut tetrahedra = Vec::new();
-    for i in 0..n {
-        for j in 0..n {
-            for k in 0..n {
-                for [a, b] in [[0, 1], [1, 2], [2, 0], [1, 0], [2, 1], [0, 2]] {
-                    // From corner to corner along one axis after another.
-                    let mut at = [i, j, k];
-                    let mut corners = [index(i, j, k); 4];
-                    at[a] += 1;
-                    corners[1] = index(at[0], at[1], at[2]);
-                    at[b] += 1;
-                    corners[2] = index(at[0], at[1], at[2]);
-                    corners[3] = index(i + 1, j + 1, k + 1);
-                    tetrahedra.push(corners);
-                }
-            }
-        }
-    }
-    TetMesh::from_corners(positions, &tetrahedra)
 }
 
 /// Relative errors: of the displacement and the strain in L2, and of the strain in the energy's norm.

@@ -74,3 +74,40 @@ pub fn shape(at: [f64; 4]) -> ([f64; 10], [[f64; 3]; 10]) {
     }
     (values, slopes)
 }
+
+/// A unit cube of n³ cells, each of six tetrahedra, its inner nodes shaken so that no order is a gift of symmetry.
+pub fn cube(n: usize) -> TetMesh {
+    let index = |i: usize, j: usize, k: usize| ((i * (n + 1) + j) * (n + 1) + k) as u32;
+    let mut positions = Vec::new();
+    for i in 0..=n {
+        for j in 0..=n {
+            for k in 0..=n {
+                let p = DVec3::new(i as f64, j as f64, k as f64) / n as f64;
+                let inside = [i, j, k].iter().all(|&c| c > 0 && c < n);
+                // Smooth, so that elements stay as well shaped on finer meshes.
+                let shift =
+                    DVec3::new((7.0 * p.y).sin(), (7.0 * p.z).sin(), (7.0 * p.x).sin()) * (0.12 / n as f64);
+                positions.push(if inside { p + shift } else { p });
+            }
+        }
+    }
+    let mut tetrahedra = Vec::new();
+    for i in 0..n {
+        for j in 0..n {
+            for k in 0..n {
+                for [a, b] in [[0, 1], [1, 2], [2, 0], [1, 0], [2, 1], [0, 2]] {
+                    // From corner to corner along one axis after another.
+                    let mut at = [i, j, k];
+                    let mut corners = [index(i, j, k); 4];
+                    at[a] += 1;
+                    corners[1] = index(at[0], at[1], at[2]);
+                    at[b] += 1;
+                    corners[2] = index(at[0], at[1], at[2]);
+                    corners[3] = index(i + 1, j + 1, k + 1);
+                    tetrahedra.push(corners);
+                }
+            }
+        }
+    }
+    TetMesh::from_corners(positions, &tetrahedra)
+}
