@@ -271,3 +271,6 @@ fn add_rows<const N: usize>(g: &[f64; 3], half: &[[[f64; 12]; 3]; 9], rows: &mut
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

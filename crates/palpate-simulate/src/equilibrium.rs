@@ -34,6 +34,9 @@ const FIRST_FORCING: f64 = 1e-2;
 /// Iterations of one solve, whatever the factor.
 const MAX_CONJUGATE: u32 = 200;
 
+/// Iterations of one equilibrium's solves together; beyond, the load step is cut.
+const MAX_CONJUGATE_TOGETHER: u32 = 1000;
+
 /// Full steps in a row that need not lower the energy.
 const MAX_TRUSTED: u32 = 3;
 
@@ -47,7 +50,7 @@ const ROUNDING: f64 = 1e-11;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Failure {
     Cancelled,
-    /// Too many Newton steps.
+    /// Too many steps.
     Slow,
     /// No step along the direction lowers the energy.
     Stuck,
@@ -59,7 +62,9 @@ impl Failure {
     pub fn words(self) -> &'static str {
         match self {
             Failure::Cancelled => "it was interrupted",
-            Failure::Slow => "the equilibrium was not found in 60 Newton steps, however small the load step",
+            Failure::Slow => {
+                "no equilibrium was found with the steps allowed: the body softens or buckles here"
+            }
             Failure::Stuck => "no step lowers the energy any more: the surface folds or buckles here",
             Failure::Inverted => "elements would be turned inside out, however small the load step",
         }
@@ -220,23 +225,41 @@ impl<'m> Solver<'m> {
 
     /// Moves the body along with a small move of its load, to first order.
     pub fn follow(&mut self, load: &Load, move_by: DVec3) {
-        let n = self.u.len();
-        let (mut moved, mut forces) = (vec![0.0; n], vec![0.0; n]);
-        self.assemble(load);
         match load {
             Load::Held(unknowns) => {
+                let mut moved = vec![0.0; self.u.len()];
                 for &unknown in unknowns {
                     moved[unknown] = move_by[unknown % 3];
                 }
-                self.stiffness.multiply(&self.model.pattern, &moved, &mut forces);
+                self.carry(load, &moved);
             }
-            Load::Tool(contact) => contact.pull(self.model, &self.u, move_by, &mut forces),
+            Load::Tool(contact) => {
+                let mut forces = vec![0.0; self.u.len()];
+                self.assemble(load);
+                contact.pull(self.model, &self.u, move_by, &mut forces);
+                self.settle(&forces);
+            }
         }
-        let tolerance = FIRST_FORCING * self.free_norm(&forces);
+    }
+
+    /// Moves held unknowns by `moved`, and the others along to first order.
+    pub fn carry(&mut self, load: &Load, moved: &[f64]) {
+        let mut forces = vec![0.0; self.u.len()];
+        self.assemble(load);
+        self.stiffness.multiply(&self.model.pattern, moved, &mut forces);
+        self.settle(&forces);
+        for (u, moved) in self.u.iter_mut().zip(moved) {
+            *u += moved;
+        }
+    }
+
+    /// Adds −K⁻¹ `forces`, about.
+    fn settle(&mut self, forces: &[f64]) {
+        let tolerance = FIRST_FORCING * self.free_norm(forces);
         if tolerance > 0.0 {
-            let d = self.direction(&forces, tolerance);
-            for ((u, moved), d) in self.u.iter_mut().zip(&moved).zip(&d) {
-                *u += moved + d;
+            let d = self.direction(forces, tolerance);
+            for (u, d) in self.u.iter_mut().zip(&d) {
+                *u += d;
             }
         }
     }
@@ -249,6 +272,7 @@ impl<'m> Solver<'m> {
         }
         let mut last_norm = None;
         let mut watch = None;
+        let before = self.counts.conjugate;
         let share = if matches!(load, Load::Tool(_)) { TOOL_TOLERANCE } else { RESIDUAL_TOLERANCE };
         for iteration in 0..MAX_NEWTON {
             if cancelled.load(Ordering::Relaxed) {
@@ -259,6 +283,9 @@ impl<'m> Solver<'m> {
                 share * load.reaction(self.model, &self.u, &self.gradient).max(self.model.least_force_n);
             if norm <= target {
                 return Ok(iteration);
+            }
+            if self.counts.conjugate - before > MAX_CONJUGATE_TOGETHER {
+                return Err(Failure::Slow);
             }
             if self.wasted > self.model.symbolic.factor_in_solves {
                 self.refactor();

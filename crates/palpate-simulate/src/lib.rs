@@ -9,6 +9,7 @@
 #![warn(missing_docs)]
 
 mod contact;
+mod displace;
 mod element;
 mod equilibrium;
 mod error;
@@ -23,6 +24,7 @@ mod stiffness;
 mod stiffness_at;
 pub mod tool;
 
+pub use displace::Deformed;
 pub use equilibrium::{Counts, RESIDUAL_TOLERANCE};
 pub use error::{Result, SimulateError};
 pub use material::Material;

@@ -43,8 +43,12 @@ impl Load<'_> {
         }
     }
 
-    /// Size of that force, N.
+    /// Size of that force, N; not less than a tenth of the held unknowns' forces in the 2-norm, which may balance.
     pub fn reaction(&self, model: &Model, u: &[f64], gradient: &[f64]) -> f64 {
-        self.force(model, u, gradient).length()
+        let single = match self {
+            Load::Held(unknowns) => unknowns.iter().map(|&n| gradient[n] * gradient[n]).sum::<f64>().sqrt(),
+            Load::Tool(_) => 0.0,
+        };
+        self.force(model, u, gradient).length().max(0.1 * single)
     }
 }

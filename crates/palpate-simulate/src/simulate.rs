@@ -14,6 +14,11 @@ use std::sync::atomic::AtomicBool;
 /// A load step that fails is halved this often.
 const MAX_CUTS: u32 = 6;
 
+/// Newton steps and conjugate-gradient iterations for one state: beyond, a load step that fails is the last. Where a law
+/// collapses every step fails, and slowly; states that are found at all took a third of this at most.
+const MAX_NEWTON: u32 = 300;
+const MAX_CONJUGATE: u32 = 3000;
+
 /// Of the tool's force: less than that, let go by points that have left the tool, changes nothing worth a solve.
 const LET_GO: f64 = 1e-2;
 
@@ -304,7 +309,10 @@ impl<'m, 't> Walker<'m, 't> {
                 Err(Failure::Cancelled) => return Err(Failure::Cancelled),
                 Err(failure) => {
                     cuts += 1;
-                    if cuts > 2 * MAX_CUTS || step < 1.5 / f64::from(1u32 << MAX_CUTS) {
+                    let spent = self.solver.counts;
+                    let tired = spent.newton - before.newton > MAX_NEWTON
+                        || spent.conjugate - before.conjugate > MAX_CONJUGATE;
+                    if tired || cuts > 2 * MAX_CUTS || step < 1.5 / f64::from(1u32 << MAX_CUTS) {
                         return Err(failure);
                     }
                     step /= 2.0;
