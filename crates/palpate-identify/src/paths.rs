@@ -198,7 +198,8 @@ fn follow_guide(
         return;
     }
     // The line through (ln g, ln f); where g does not vary it tells nothing.
-    let logs: Vec<(f64, f64)> = own.iter().zip(&forces).map(|(g, f)| (g.ln(), f.ln())).collect();
+    let logs: Vec<(f64, f64)> =
+        own.iter().zip(&forces).map(|(g, f)| (libm::log(*g), libm::log(*f))).collect();
     let n = logs.len() as f64;
     let (gm, fm) = logs.iter().fold((0.0, 0.0), |(a, b), l| (a + l.0 / n, b + l.1 / n));
     let (gg, gf) = logs
@@ -207,9 +208,10 @@ fn follow_guide(
     let power = if gg > 1e-6 * n { (gf / gg).clamp(0.0, 2.0) } else { 0.0 };
     for (mix, &g) in mixes.iter_mut().zip(guide) {
         let values = mix.test_points.map(|t| forces[t as usize]);
-        let quotient: f64 =
-            (0..3).map(|j| mix.weights[j] * values[j] / own[mix.test_points[j] as usize].powf(power)).sum();
-        follow(mix, values, quotient * g.powf(power));
+        let quotient: f64 = (0..3)
+            .map(|j| mix.weights[j] * values[j] / libm::pow(own[mix.test_points[j] as usize], power))
+            .sum();
+        follow(mix, values, quotient * libm::pow(g, power));
     }
     notes.push(format!("mixes follow the guide: the normal force goes as its power {power:.2}"));
 }
@@ -591,11 +593,13 @@ fn fill(
         if let Some(curve) = &point.lateral {
             return Ok((curve.clone(), point.deviator));
         }
-        let Some(mix) = mixes[surface.vertices()[nodes[i] as usize] as usize] else {
-            let place = format!("node {}", nodes[i]);
-            let problem = "no test point on its connected part of the surface has a drag";
-            return Err(FitError::invalid(place, problem, "add a test point there"));
-        };
+        let mix = mixes[surface.vertices()[nodes[i] as usize] as usize].unwrap_or_else(|| {
+            // None on its part of the surface: the nearest in space, rather than no body after a long run.
+            let at = |n: u32| surface.positions()[n as usize];
+            let distance = |&t: &usize| at(sources[t]).distance_squared(at(nodes[i]));
+            let nearest = (0..sources.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+            NodeMix::own(nearest.unwrap_or_default() as u32)
+        });
         let parts = (0..3).map(|j| (mix.weights[j], mix.test_points[j] as usize));
         let terms: Vec<(f64, &Curve)> = parts.clone().map(|(w, t)| (w, known[t].0)).collect();
         let deviator = parts.map(|(w, t)| turned(known[t].1, inward(sources[t]), inward(nodes[i])) * w);

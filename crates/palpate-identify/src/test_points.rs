@@ -170,7 +170,7 @@ fn lift(
 ) -> Vec<Lifted> {
     let lift = |(p, &n): (&DVec3, &u32)| {
         let u = surface.inward_normals()[n as usize] * spacing;
-        let g = guide.map_or(0.0, |g| 3.0 * spacing * g[n as usize].ln());
+        let g = guide.map_or(0.0, |g| 3.0 * spacing * libm::log(g[n as usize]));
         [p.x, p.y, p.z, u.x, u.y, u.z, g]
     };
     positions.iter().zip(first).map(lift).collect()

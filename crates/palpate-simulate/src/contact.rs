@@ -56,6 +56,9 @@ struct Anchor {
     normal: DVec3,
 }
 
+/// The points that stick, for each face.
+pub(crate) struct Anchors(Vec<[Option<Anchor>; POINTS]>);
+
 /// Force and more of a contact.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Resultant {
@@ -211,6 +214,16 @@ impl<'t> ToolContact<'t> {
             sum.patch_m2 += if touch.distance < 0.0 { touch.weight } else { 0.0 };
         });
         sum
+    }
+
+    /// Which points stick, to go back to.
+    pub fn anchors(&self) -> Anchors {
+        Anchors(self.anchors.clone())
+    }
+
+    /// Goes back.
+    pub fn restore(&mut self, anchors: Anchors) {
+        self.anchors = anchors.0;
     }
 
     /// Nothing sticks any more.

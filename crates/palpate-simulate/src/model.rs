@@ -44,6 +44,44 @@ pub struct Model {
     pub(crate) least_force_n: f64,
 }
 
+/// Whether supports stop all six motions of a rigid body: the rank of those motions in the held components.
+fn holds(positions: &[DVec3], held: &[[bool; 3]]) -> bool {
+    let middle = positions.iter().sum::<DVec3>() / positions.len() as f64;
+    let size = positions.iter().map(|p| p.distance(middle)).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+    let mut gram = [[0.0; 6]; 6];
+    for (p, axes) in positions.iter().zip(held) {
+        let arm = (*p - middle) / size;
+        for axis in (0..3).filter(|&axis| axes[axis]) {
+            let along = DVec3::AXES[axis];
+            let turn = arm.cross(along);
+            let row = [along.x, along.y, along.z, turn.x, turn.y, turn.z];
+            for (sums, a) in gram.iter_mut().zip(row) {
+                for (sum, b) in sums.iter_mut().zip(row) {
+                    *sum += a * b;
+                }
+            }
+        }
+    }
+    // Gauss with the largest pivot; relative to the count of held components, which is the trace's order.
+    let enough = 1e-9 * (0..6).map(|i| gram[i][i]).fold(0.0, f64::max);
+    for step in 0..6 {
+        let Some(pivot) = (step..6).max_by(|&i, &j| gram[i][i].total_cmp(&gram[j][j])) else { return false };
+        if gram[pivot][pivot] <= enough {
+            return false;
+        }
+        gram.swap(step, pivot);
+        gram.iter_mut().for_each(|row| row.swap(step, pivot));
+        let head = gram[step];
+        for row in &mut gram[step + 1..] {
+            let factor = row[step] / head[step];
+            for (value, head) in row.iter_mut().zip(head) {
+                *value -= factor * head;
+            }
+        }
+    }
+    true
+}
+
 /// `order[new] = old`: free nodes by nested dissection, then the others.
 fn numbering(elements: &[[u32; 10]], free: &[bool]) -> Vec<u32> {
     let mut dense = vec![u32::MAX; free.len()];
@@ -87,6 +125,15 @@ impl Model {
             for (held, fixed) in axes.iter_mut().zip(fixed.axes) {
                 *held |= fixed;
             }
+        }
+        if held_axes.iter().all(|axes| axes.iter().all(|held| *held)) {
+            let mend = "leave a part of it free: make [[body.fixed]] smaller";
+            return invalid("supports".into(), "they hold every node of the body".into(), mend);
+        }
+        if !holds(&mesh.positions, &held_axes) {
+            let mend = "hold it with [[body.fixed]] so that it can neither move nor turn as a whole: \
+                        three points that are not on one line, or planes of symmetry and one more support";
+            return invalid("supports".into(), "they do not hold the body".into(), mend);
         }
         // Free nodes first, in the order of elimination; what is held on all sides has no part in it.
         let free: Vec<bool> = held_axes.iter().map(|axes| axes.contains(&false)).collect();

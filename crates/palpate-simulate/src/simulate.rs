@@ -20,7 +20,7 @@ const MAX_NEWTON: u32 = 300;
 const MAX_CONJUGATE: u32 = 3000;
 
 /// Of the tool's force: less than that, let go by points that have left the tool, changes nothing worth a solve.
-const LET_GO: f64 = 1e-2;
+const LET_GO: f64 = 5e-3;
 
 /// How often a step is solved again because points that stuck have left the tool.
 const MAX_RELEASES: u32 = 4;
@@ -122,6 +122,10 @@ impl Model {
             // Area coordinates, with some slack so that lines through edges miss neither side.
             let scale = normal.length_squared();
             let (v, w) = (at.cross(ac).dot(normal) / scale, ab.cross(at).dot(normal) / scale);
+            // Not another part of the body: a filled surface is off by less than a face.
+            if along * along > scale.sqrt() {
+                continue;
+            }
             if v >= -1e-9 && w >= -1e-9 && v + w <= 1.0 + 1e-9 && along.abs() < nearest.0 {
                 nearest = (along.abs(), plan.point + plan.inward * along);
             }
@@ -187,8 +191,11 @@ fn node_normals(boundary: &Boundary, positions: &[DVec3]) -> HashMap<u32, DVec3>
 
 /// A rotation that takes z to `inward`.
 fn frame(inward: DVec3) -> DMat3 {
-    let (x, y) = inward.any_orthonormal_pair();
-    DMat3::from_cols(x, y, inward)
+    // The body's axis that lies flattest on the surface is the tool's x, so that neighbours turn alike.
+    let flattest =
+        DVec3::AXES.into_iter().rev().min_by(|a, b| a.dot(inward).abs().total_cmp(&b.dot(inward).abs()));
+    let x = flattest.unwrap_or(DVec3::X).reject_from_normalized(inward).normalize();
+    DMat3::from_cols(x, inward.cross(x), inward)
 }
 
 /// Where the load goes next.
@@ -325,6 +332,10 @@ impl<'m, 't> Walker<'m, 't> {
     /// One load step; on failure all is as before.
     fn advance(&mut self, offset: DVec3, sticking: bool, cancelled: &AtomicBool) -> Result<(), Failure> {
         let (old_offset, old_u) = (self.offset, self.solver.u.clone());
+        let old_anchors = match &self.load {
+            Load::Tool(contact) => Some(contact.anchors()),
+            Load::Held(_) => None,
+        };
         let move_by = offset - self.offset;
         let travelled = self.travelled + move_by.length();
         self.predict(travelled, move_by);
@@ -361,6 +372,9 @@ impl<'m, 't> Walker<'m, 't> {
             }
             Err(failure) => {
                 self.solver.u = old_u;
+                if let (Load::Tool(contact), Some(anchors)) = (&mut self.load, old_anchors) {
+                    contact.restore(anchors);
+                }
                 self.place(old_offset);
                 Err(failure)
             }

@@ -14,6 +14,7 @@ impl Model {
         let free = 3 * self.pattern.nodes();
         let mut load = vec![0.0f32; free];
         let (mut total, mut nearest) = (0.0, (f64::INFINITY, 0));
+        let rule = rule();
         for face in &self.boundary().faces {
             let p = face.map(|n| self.mesh().positions[n as usize]);
             for (p, &n) in p.iter().zip(face) {
@@ -22,8 +23,13 @@ impl Model {
                     nearest = (distance, n);
                 }
             }
-            let area = 0.5 * (p[1] - p[0]).cross(p[2] - p[0]).length();
-            for (weight, shape) in rule() {
+            let normal = (p[1] - p[0]).cross(p[2] - p[0]);
+            // Not the far side of a thin part.
+            if normal.dot(inward) >= 0.0 {
+                continue;
+            }
+            let area = 0.5 * normal.length();
+            for (weight, shape) in rule {
                 let at: DVec3 = shape.iter().zip(&p).map(|(n, p)| *p * *n).sum();
                 let pressure = (1.0 - at.distance_squared(point) / (radius_m * radius_m)).max(0.0).sqrt();
                 let force = pressure * weight * area;

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 use std::io::{ErrorKind, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Prints one JSON document on standard output.
 ///
@@ -63,4 +64,18 @@ pub fn table(rows: &[Vec<String>]) -> String {
         out.push('\n');
     }
     out
+}
+
+/// Sets `cancelled` at the first signal to stop; the second ends the program at once, with status 130. Files are
+/// renamed into place, so nothing is left half.
+///
+/// # Errors
+/// Signals can't be handled.
+pub fn stop_on_signals(cancelled: &'static AtomicBool) -> anyhow::Result<()> {
+    let stop = move || {
+        if cancelled.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    };
+    ctrlc::set_handler(stop).map_err(|e| anyhow::anyhow!("signals can't be handled ({e})"))
 }

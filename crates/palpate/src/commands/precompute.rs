@@ -6,10 +6,9 @@ use crate::precompute::prepare::{inputs_of, plan, prepare};
 use crate::precompute::{Options, Prepared, Shard, Stopped, run};
 use crate::spec::Spec;
 use crate::{console, files};
-use anyhow::anyhow;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 /// Simulate a body: how it answers a tool at points of its surface, by finite elements
 ///
@@ -61,13 +60,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let plan = plan(&spec, &simulation, &args.spec)?;
 
     static CANCELLED: AtomicBool = AtomicBool::new(false);
-    let stop = || {
-        // Whoever asks twice won't wait; points are renamed into place, so nothing is left half.
-        if CANCELLED.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-    };
-    ctrlc::set_handler(stop).map_err(|e| anyhow!("signals can't be handled ({e})"))?;
+    console::stop_on_signals(&CANCELLED)?;
     let options = Options {
         record: record.clone(),
         partial: beside(&args.output, ".partial"),
@@ -103,6 +96,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             whole.points.len(),
             whole.total
         ));
+        if args.json {
+            console::json(&serde_json::json!({ "test_points": whole.points.len(), "of": whole.total }))?;
+        }
         return Ok(());
     }
     let assembled = assemble::body(&whole)?;

@@ -73,8 +73,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
 
     static CANCELLED: AtomicBool = AtomicBool::new(false);
-    ctrlc::set_handler(|| CANCELLED.store(true, Ordering::Relaxed))
-        .map_err(|e| anyhow!("signals can't be handled ({e})"))?;
+    console::stop_on_signals(&CANCELLED)?;
     let Prepared { solver, .. } = prepare(&spec, &simulation, &args.spec)?;
     let model = solver.model();
     let boundary = &model.boundary().nodes;

@@ -164,9 +164,9 @@ fn guide(model: &Model, surface: &Surface, points: usize, radius_m: f64) -> Vec<
     };
     let mut found: Vec<f64> = places.par_iter().map(at).collect();
     // What supports carry alone is no stiffer than a hundred times the usual.
-    let mut sorted = found.clone();
+    let mut sorted: Vec<f64> = found.iter().copied().filter(|k| k.is_finite()).collect();
     sorted.sort_unstable_by(f64::total_cmp);
-    let most = 100.0 * sorted[sorted.len() / 4];
+    let most = sorted.get(sorted.len() / 4).map_or(1.0, |k| 100.0 * k);
     found.iter_mut().for_each(|k| *k = k.min(most));
     of.iter().map(|shares| shares.iter().map(|(place, share)| share * found[*place as usize]).sum()).collect()
 }

@@ -118,7 +118,16 @@ fn options(
 ) -> Result<FillOptions> {
     let (volume, area) = volume_and_area(surface);
     let sizes = simulation.mesh;
-    let wanted = sizes.element_size_m.unwrap_or(tool_radius(simulation)? / 2.0);
+    let tool = tool_radius(simulation)?;
+    if !(tool.is_finite() && tool > 0.0 && volume.is_finite() && volume > 0.0) {
+        let mend = "give a tool and a surface that enclose a volume";
+        bail!(
+            "{}: the tool or the body is flat ({:.3} mm, {volume:.3e} m³); {mend}",
+            path.display(),
+            tool * 1e3
+        );
+    }
+    let wanted = sizes.element_size_m.unwrap_or(tool / 2.0);
     let interior =
         |edge: f64| sizes.interior_size_m.unwrap_or(FillOptions::new(edge).interior_edge_m).max(edge);
     let mut edge = wanted;
@@ -151,12 +160,11 @@ fn options(
     if let (None, TestPoints::At(points)) = (sizes.element_size_m, &simulation.test_points)
         && points.len() <= FEW
     {
-        let radius = tool_radius(simulation)?;
-        let fine = radius / ACROSS;
+        let fine = tool / ACROSS;
         if fine < edge {
             options.finer = points
                 .iter()
-                .map(|p| Ball { centre: on(surface, *p), radius_m: 1.5 * radius, edge_m: fine })
+                .map(|p| Ball { centre: on(surface, *p), radius_m: 1.5 * tool, edge_m: fine })
                 .collect();
             let millimetres = fine * 1e3;
             notes.push(format!(
