@@ -63,7 +63,7 @@ fn sphere_on_a_half_space() {
 /// R = 10 mm, small strain, against an axisymmetric solution with FElupe (0.08 mm elements): deeper, a sphere is no
 /// paraboloid.
 #[test]
-#[ignore = "half a minute"]
+#[ignore = "some minutes"]
 fn sphere_deeper() {
     for (poisson, expected) in [
         (0.3, [1.4810816e-3, 7.7756643e-3, 1.6806376e-2]),
@@ -75,14 +75,14 @@ fn sphere_deeper() {
                 "ν = {poisson}: {found:.5e} N, reference {expected:.5e}, {:+.2} %",
                 100.0 * (found / expected - 1.0)
             );
-            assert!((found / expected - 1.0).abs() < 0.015);
+            assert!((found / expected - 1.0).abs() < 0.01);
         }
     }
 }
 
 /// How fine must the mesh be? Prints errors against elements per contact radius.
 #[test]
-#[ignore = "a table; a minute"]
+#[ignore = "a table; some minutes"]
 fn table_of_sphere() {
     let (radius, depth): (f64, f64) = (0.1, 1e-4);
     let contact = (radius * depth).sqrt();
@@ -142,7 +142,8 @@ fn layer(rings: &[f64], planes: &[f64]) -> TetMesh {
     mesh
 }
 
-/// κ of F = 2 E a d κ/(1 − ν²) (Hayes et al. 1972) with elements of a quarter of a twelfth of the radius at the rim.
+/// κ of F = 2 E a d κ/(1 − ν²) (Hayes et al. 1972) of a punch of radius a on a layer that is bonded below; elements at
+/// the punch's rim are `finest` radii large.
 fn hayes(per_height: f64, poisson: f64, finest: f64) -> f64 {
     let (radius, depth) = (0.01, 1e-4);
     let height = radius / per_height;
@@ -187,15 +188,8 @@ fn hayes(per_height: f64, poisson: f64, finest: f64) -> f64 {
 /// κ from an integral equation, confirmed with FElupe and CalculiX to 0.1 %.
 #[test]
 fn flat_punch_on_a_layer() {
-    for (per_height, poisson, expected) in [
-        (0.5, 0.3, 1.62403),
-        (0.5, 0.45, 1.80626),
-        (0.5, 0.49, 1.90275),
-        (1.0, 0.3, 2.48352),
-        (1.0, 0.45, 3.09141),
-        (1.0, 0.49, 3.48398),
-    ] {
-        let found = hayes(per_height, poisson, 0.03);
+    for (per_height, poisson, expected) in [(0.5, 0.3, 1.62403), (1.0, 0.45, 3.09141), (1.0, 0.49, 3.48398)] {
+        let found = hayes(per_height, poisson, 0.02);
         println!("a/h = {per_height}, ν = {poisson}: {found:.4}, {:+.2} %", 100.0 * (found / expected - 1.0));
         assert!((found / expected - 1.0).abs() < 0.01, "{found}, not {expected}");
     }
@@ -204,8 +198,15 @@ fn flat_punch_on_a_layer() {
 #[test]
 #[ignore = "a table; a minute"]
 fn table_of_flat_punch() {
-    for (per_height, poisson, expected) in [(0.5, 0.3, 1.62403), (1.0, 0.45, 3.09141), (1.0, 0.49, 3.48398)] {
-        for finest in [0.16, 0.08, 0.04, 0.02, 0.01] {
+    for (per_height, poisson, expected) in [
+        (0.5, 0.3, 1.62403),
+        (0.5, 0.45, 1.80626),
+        (0.5, 0.49, 1.90275),
+        (1.0, 0.3, 2.48352),
+        (1.0, 0.45, 3.09141),
+        (1.0, 0.49, 3.48398),
+    ] {
+        for finest in [0.16, 0.08, 0.04, 0.02] {
             let found = hayes(per_height, poisson, finest);
             println!("| {per_height} | {poisson} | {finest} | {:+.2} % |", 100.0 * (found / expected - 1.0));
         }
