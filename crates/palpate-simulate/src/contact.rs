@@ -19,7 +19,7 @@ const PENALTY: f64 = 50.0;
 const POINTS: usize = 6;
 
 /// Area coordinates and weights of a face's points, and the six shape functions there.
-fn rule() -> [(f64, [f64; 6]); POINTS] {
+pub(crate) fn rule() -> [(f64, [f64; 6]); POINTS] {
     const A: (f64, f64) = (0.445_948_490_915_965, 0.223_381_589_678_011);
     const B: (f64, f64) = (0.091_576_213_509_771, 0.109_951_743_655_322);
     std::array::from_fn(|q| {

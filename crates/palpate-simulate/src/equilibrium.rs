@@ -14,7 +14,7 @@ use glam::DVec3;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Residual forces (their 2-norm over all free unknowns) are below this share of the reaction.
-const TOLERANCE: f64 = 1e-6;
+pub const RESIDUAL_TOLERANCE: f64 = 1e-6;
 
 /// The same where a tool pushes: the penalty's own error is a thousand times as large.
 const TOOL_TOLERANCE: f64 = 1e-5;
@@ -273,7 +273,7 @@ impl<'m> Solver<'m> {
         let mut last_norm = None;
         let mut watch = None;
         let before = self.counts.conjugate;
-        let share = if matches!(load, Load::Tool(_)) { TOOL_TOLERANCE } else { TOLERANCE };
+        let share = if matches!(load, Load::Tool(_)) { TOOL_TOLERANCE } else { RESIDUAL_TOLERANCE };
         for iteration in 0..MAX_NEWTON {
             if cancelled.load(Ordering::Relaxed) {
                 return Err(Failure::Cancelled);

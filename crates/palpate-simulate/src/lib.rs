@@ -21,10 +21,11 @@ mod model;
 pub mod path;
 mod simulate;
 mod stiffness;
+mod stiffness_at;
 pub mod tool;
 
 pub use displace::Deformed;
-pub use equilibrium::Counts;
+pub use equilibrium::{Counts, RESIDUAL_TOLERANCE};
 pub use error::{Result, SimulateError};
 pub use material::Material;
 pub use mesh::TetMesh;

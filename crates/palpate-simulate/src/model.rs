@@ -163,6 +163,12 @@ impl Model {
         &self.boundary
     }
 
+    /// Whether a support holds one of the mesh's nodes, along one axis at least.
+    pub fn is_held(&self, node: u32) -> bool {
+        let first = 3 * self.rank[node as usize] as usize;
+        self.held[first..first + 3].contains(&true)
+    }
+
     /// Unknowns, the held ones among them.
     pub fn unknowns(&self) -> usize {
         self.held.len()

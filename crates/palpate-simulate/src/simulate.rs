@@ -20,7 +20,7 @@ const MAX_NEWTON: u32 = 300;
 const MAX_CONJUGATE: u32 = 3000;
 
 /// Of the tool's force: less than that, let go by points that have left the tool, changes nothing worth a solve.
-const LET_GO: f64 = 3e-3;
+const LET_GO: f64 = 1e-2;
 
 /// How often a step is solved again because points that stuck have left the tool.
 const MAX_RELEASES: u32 = 4;

@@ -1,12 +1,14 @@
-//! The cost of a step against the size of the mesh: cylinders of the same responses, ever finer.
+//! The cost of a step against the size of the mesh: cylinders of the same responses, ever finer. And that of a path of
+//! the offline simulation.
 
 mod cylinder;
+pub mod reference;
 mod regimes;
 mod timing;
 
 pub use cylinder::cylinder;
 pub use regimes::{REGIMES, run};
-pub use timing::{Clock, Times};
+pub use timing::{Clock, Spent, Stopwatch, Times};
 
 use serde::Serialize;
 

@@ -82,6 +82,8 @@ impl Plan {
 pub struct Scene {
     /// The surface that is touched, mended, m.
     pub surface: TriangleMesh,
+    /// Stiffness of the body at rest at each node that this surface gets (more than one where it is creased), N/m: what responses go with between test points.
+    pub guide_n_per_m: Vec<f64>,
     /// Nodes of the simulated mesh's boundary at rest, m; displacement fields are theirs.
     pub boundary_m: Vec<DVec3>,
     /// Its faces: indices into `boundary_m`, three corners and the middles of the edges 01, 12, 20.
@@ -378,6 +380,7 @@ struct Header {
 
 const SURFACE_POSITIONS: &str = "surface_positions_m";
 const SURFACE_TRIANGLES: &str = "surface_triangles";
+const GUIDE: &str = "guide_n_per_m";
 const BOUNDARY_POSITIONS: &str = "boundary_positions_m";
 const BOUNDARY_FACES: &str = "boundary_faces";
 
@@ -398,10 +401,11 @@ impl Record {
     fn layout(&self) -> Vec<(String, Dtype, Vec<usize>)> {
         let mut layout = Vec::new();
         let (states, fields): (Vec<_>, Vec<_>) =
-            self.points.values().map(|p| p.tensors().into()).map(|[s, f]: [_; 2]| (s, f)).unzip();
+            self.points.values().map(|p| p.tensors()).map(|[s, f]: [_; 2]| (s, f)).unzip();
         let scene = self.scene.as_ref();
         if let Some(scene) = scene {
             layout.push((SURFACE_POSITIONS.into(), F64, vec![scene.surface.positions.len(), 3]));
+            layout.push((GUIDE.into(), F64, vec![scene.guide_n_per_m.len(), 1]));
             layout.push((BOUNDARY_POSITIONS.into(), F64, vec![scene.boundary_m.len(), 3]));
         }
         layout.extend(states);
@@ -449,13 +453,13 @@ impl Record {
     }
 
     fn write_tensors(&self, out: &mut dyn Write) -> Result<()> {
-        let mut vectors = |vectors: &[DVec3]| {
-            let numbers = vectors.iter().flat_map(|v| v.to_array());
+        let mut doubles = |numbers: &mut dyn Iterator<Item = f64>| {
             numbers.map(f64::to_le_bytes).try_for_each(|bytes| out.write_all(&bytes))
         };
         if let Some(scene) = &self.scene {
-            vectors(&scene.surface.positions)?;
-            vectors(&scene.boundary_m)?;
+            doubles(&mut scene.surface.positions.iter().flat_map(|v| v.to_array()))?;
+            doubles(&mut scene.guide_n_per_m.iter().copied())?;
+            doubles(&mut scene.boundary_m.iter().flat_map(|v| v.to_array()))?;
         }
         self.points.values().try_for_each(|p| out.write_all(&p.states))?;
         if let Some(scene) = &self.scene {
@@ -543,6 +547,7 @@ impl Record {
                         positions: vectors(&read(tensor(SURFACE_POSITIONS, F64, &[3])?)?),
                         triangles: indices(&read(tensor(SURFACE_TRIANGLES, U32, &[3])?)?),
                     },
+                    guide_n_per_m: numbers(&read(tensor(GUIDE, F64, &[1])?)?),
                     boundary_m: vectors(&read(tensor(BOUNDARY_POSITIONS, F64, &[3])?)?),
                     faces: indices(&read(tensor(BOUNDARY_FACES, U32, &[6])?)?),
                     notes: head.json("notes")?,
@@ -551,6 +556,7 @@ impl Record {
                 let (nodes, boundary) = (scene.surface.positions.len(), scene.boundary_m.len());
                 if !scene.surface.triangles.iter().flatten().all(|n| within(n, nodes))
                     || !scene.faces.iter().flatten().all(|n| within(n, boundary))
+                    || !scene.guide_n_per_m.iter().all(|g| *g > 0.0 && g.is_finite())
                     || !scene.surface.positions.iter().chain(&scene.boundary_m).all(|p| p.is_finite())
                 {
                     return Err(bad("its surface is damaged".into()));
@@ -594,9 +600,12 @@ impl Head<'_> {
     }
 }
 
+fn numbers(bytes: &[u8]) -> Vec<f64> {
+    bytes.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect()
+}
+
 fn vectors(bytes: &[u8]) -> Vec<DVec3> {
-    let numbers: Vec<f64> = bytes.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect();
-    numbers.as_chunks::<3>().0.iter().map(|v| DVec3::from_array(*v)).collect()
+    numbers(bytes).as_chunks::<3>().0.iter().map(|v| DVec3::from_array(*v)).collect()
 }
 
 fn indices<const N: usize>(bytes: &[u8]) -> Vec<[u32; N]> {

@@ -1,5 +1,7 @@
 //! Specs that can't be simulated: each ends with status 1 and one message that names file, place and mend.
 
+use palpate::precompute::prepare;
+use palpate::spec::Spec;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
@@ -42,7 +44,7 @@ directions = 4
 count = 5
 
 [mesh]
-element_size_mm = 2
+element_size_mm = 3
 interior_size_mm = 4
 
 [slip]
@@ -73,7 +75,7 @@ const CASES: &[(&str, &str, &[&str])] = &[
     ("radius_mm = 3", "radius_m = 0.003", &["spec.toml:21:", "radius_m"]),
     ("normal_max_mm = 2", "normal_max = 2", &["spec.toml:", "normal_max"]),
     ("count = 5", "number = 5", &["spec.toml:", "number"]),
-    ("element_size_mm = 2", "element_size = 2", &["spec.toml:", "element_size"]),
+    ("element_size_mm = 3", "element_size = 2", &["spec.toml:", "element_size"]),
     ("coefficient = 0.3", "mu = 0.3", &["spec.toml:", "mu"]),
     // What is missing.
     ("mesh = \"ball.obj\"\nunit = \"mm\"\n", "", &["spec.toml", "mesh", "add"]),
@@ -248,9 +250,9 @@ const CASES: &[(&str, &str, &[&str])] = &[
     ("count = 5", "at_mm = [[0, 0, 500]]", &["spec.toml", "point 0", "far from the surface", "move"]),
     ("count = 5", "at_mm = [[0, 0, -10]]", &["spec.toml", "point 0", "fixed there", "move"]),
     ("count = 5", "at_mm = [[0, 0, 10], [0, 0, 10.01]]", &["spec.toml", "point 1", "point 0", "remove"]),
-    ("element_size_mm = 2", "element_size_mm = 0", &["spec.toml:", "element_size_mm is 0"]),
+    ("element_size_mm = 3", "element_size_mm = 0", &["spec.toml:", "element_size_mm is 0"]),
     ("interior_size_mm = 4", "interior_size_mm = 1", &["spec.toml:", "interior_size_mm", "as long"]),
-    ("element_size_mm = 2", "element_size_mm = 0.01", &["spec.toml", "element_size_mm 0.01", "larger"]),
+    ("element_size_mm = 3", "element_size_mm = 0.01", &["spec.toml", "element_size_mm 0.01", "larger"]),
     ("rule = \"paper\"", "rule = \"smooth\"", &["spec.toml:", "smooth", "paper"]),
     // What a simulation can't have.
     ("unit = \"mm\"", "unit = \"mm\"\nopen = true", &["spec.toml:4:", "open", "close"]),
@@ -345,6 +347,18 @@ fn run(folder: &Path, spec: &[u8]) -> (Option<i32>, String) {
     (output.status.code(), String::from_utf8(output.stderr).unwrap())
 }
 
+/// Whether everything would be ready for the first solve.
+fn sound(folder: &Path, text: &str) -> bool {
+    let path = folder.join("spec.toml");
+    let ready = || {
+        let spec = Spec::parse(&path, text.into())?;
+        let simulation = spec.simulation(&path)?;
+        prepare::plan(&spec, &simulation, &path)?;
+        prepare::prepare(&spec, &simulation, &path)
+    };
+    ready().is_ok()
+}
+
 #[test]
 fn each_is_refused_with_place_and_mend() {
     let desk = tempfile::tempdir().unwrap();
@@ -357,7 +371,8 @@ fn each_is_refused_with_place_and_mend() {
         names.sort();
         names
     };
-    let (code, stderr) = run(desk.path(), SPEC.as_bytes());
+    let (code, stderr) =
+        run(desk.path(), SPEC.replace("count = 5", "count = 1").replace("steps = 4", "steps = 1").as_bytes());
     assert_eq!(code, Some(0), "{stderr}");
     for name in ["ball.body", "ball.body.paths"] {
         fs::remove_file(desk.path().join(name)).unwrap();
@@ -368,6 +383,11 @@ fn each_is_refused_with_place_and_mend() {
     for (i, (old, new, words)) in CASES.iter().enumerate() {
         assert!(SPEC.contains(old), "case {i}: `{old}` is not in the spec");
         let spec = SPEC.replacen(old, new, 1);
+        if sound(desk.path(), &spec) {
+            // It would be simulated, at length.
+            wrong.push(format!("case {i}, `{old}` → `{new}`: it is not refused"));
+            continue;
+        }
         let (code, stderr) = run(desk.path(), spec.as_bytes());
         let lines: Vec<&str> = stderr.lines().collect();
         let told = words.iter().all(|w| stderr.contains(w));
@@ -399,6 +419,9 @@ fn noise_ends_in_a_message() {
     for _ in 0..20_000 {
         let mut text = SPEC.as_bytes().to_vec();
         for _ in 0..=next(3) {
+            if text.is_empty() {
+                break;
+            }
             let at = next(text.len());
             match next(4) {
                 0 => text.truncate(at.max(1)),

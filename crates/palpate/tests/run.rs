@@ -115,6 +115,7 @@ fn prepared(pause: Duration) -> Prepared<Fake> {
     let points = points.collect();
     let nodes = triangles.positions.len();
     let scene = Scene {
+        guide_n_per_m: vec![1.0; nodes],
         boundary_m: triangles.positions.clone(),
         faces: triangles.triangles.iter().map(|&[a, b, c]| [a, b, c, a, b, c]).collect(),
         surface: triangles,

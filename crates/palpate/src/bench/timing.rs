@@ -18,6 +18,55 @@ pub struct Times {
     pub p999_ns: f64,
 }
 
+/// What something took, s.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Spent {
+    /// Processor time of all threads, the system's for them included; `None` where the system doesn't tell.
+    pub cpu_s: Option<f64>,
+    /// By the clock on the wall.
+    pub wall_s: f64,
+}
+
+impl std::ops::Add for Spent {
+    type Output = Spent;
+
+    fn add(self, other: Spent) -> Spent {
+        let cpu_s = self.cpu_s.zip(other.cpu_s).map(|(a, b)| a + b);
+        Spent { cpu_s, wall_s: self.wall_s + other.wall_s }
+    }
+}
+
+/// Measures what long things take.
+#[derive(Debug, Clone, Copy)]
+pub struct Stopwatch {
+    wall: Instant,
+    cpu_s: Option<f64>,
+}
+
+impl Stopwatch {
+    /// Begins.
+    pub fn start() -> Self {
+        Stopwatch { wall: Instant::now(), cpu_s: cpu_seconds() }
+    }
+
+    /// Since the start.
+    pub fn stop(self) -> Spent {
+        let cpu_s = cpu_seconds().zip(self.cpu_s).map(|(now, then)| now - then);
+        Spent { cpu_s, wall_s: self.wall.elapsed().as_secs_f64() }
+    }
+}
+
+#[cfg(unix)]
+fn cpu_seconds() -> Option<f64> {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    Some(time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64)
+}
+
+#[cfg(not(unix))]
+fn cpu_seconds() -> Option<f64> {
+    None
+}
+
 /// The clock, and what reading it costs.
 #[derive(Debug, Clone, Copy)]
 pub struct Clock {

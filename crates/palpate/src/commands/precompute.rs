@@ -2,7 +2,6 @@
 
 use super::Failure;
 use crate::precompute::assemble::{self, Report};
-use crate::precompute::elements::Elements;
 use crate::precompute::prepare::{inputs_of, plan, prepare};
 use crate::precompute::{Options, Prepared, Shard, Stopped, run};
 use crate::spec::Spec;
@@ -77,12 +76,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         shard: args.shard,
     };
     let ready = || {
-        let Prepared { scene, points, solver: physics } = prepare(&spec, &simulation, &args.spec)?;
+        let prepared = prepare(&spec, &simulation, &args.spec)?;
+        let Prepared { scene, points, .. } = &prepared;
         scene.notes.iter().for_each(|note| console::note(note));
-        let solver = Elements::new(physics, &simulation, &args.spec)?;
         let paths: usize = points.iter().map(|p| 1 + p.plan.drags.len()).sum();
         console::note(&format!("{} test points, {paths} paths, {} at a time", points.len(), options.jobs));
-        Ok(Prepared { scene, points, solver })
+        Ok(prepared)
     };
     let (whole, workspace) = match run::run(&plan, &options, ready, &CANCELLED) {
         Ok(done) => done,

@@ -2,8 +2,7 @@
 
 use super::Failure;
 use super::precompute::cores;
-use crate::precompute::elements::Elements;
-use crate::precompute::prepare::{Physics, inputs_of, margin, prepare};
+use crate::precompute::prepare::{inputs_of, margin, prepare};
 use crate::precompute::progress::Progress;
 use crate::precompute::{Prepared, Solver};
 use crate::record::TestPoint;
@@ -76,10 +75,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     static CANCELLED: AtomicBool = AtomicBool::new(false);
     ctrlc::set_handler(|| CANCELLED.store(true, Ordering::Relaxed))
         .map_err(|e| anyhow!("signals can't be handled ({e})"))?;
-    let Prepared { solver: physics, .. } = prepare(&spec, &simulation, &args.spec)?;
-    let Physics { mesh, fixed, .. } = &physics;
-    let boundary = mesh.boundary().nodes;
-    let held = boundary.iter().map(|n| (mesh.positions[*n as usize], fixed.contains_key(n)));
+    let Prepared { solver, .. } = prepare(&spec, &simulation, &args.spec)?;
+    let model = solver.model();
+    let boundary = &model.boundary().nodes;
+    let held = boundary.iter().map(|&n| (model.mesh().positions[n as usize], model.is_held(n)));
     let trial = Trial {
         paths: args.paths as usize,
         seed: args.seed,
@@ -89,7 +88,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         drag_depths_m: simulation.drag_from.iter().map(|&i| simulation.depths_m[i]).collect(),
         touchable: touchable(&body, held, margin(&simulation)?)?,
     };
-    let solver = Elements::new(physics, &simulation, &args.spec)?;
     let simulate = |plan: &PointPlan| {
         if CANCELLED.load(Ordering::Relaxed) {
             return None;

@@ -80,7 +80,8 @@ pub fn body(record: &Record) -> Result<Assembled> {
             vec![(0.0, FRICTION)]
         }
     };
-    let options = PathOptions { friction, ..PathOptions::default() };
+    let guide = Some(scene.guide_n_per_m.clone());
+    let options = PathOptions { friction, guide, ..PathOptions::default() };
     let fitted = fit_paths(&surface, &records, &options).map_err(|e| anyhow!("{}: {e}", name.display()))?;
     notes.extend(told.iter().take(TOLD).cloned());
     if told.len() > TOLD {

@@ -1,5 +1,6 @@
 //! From a spec to what a run needs: surface, volume mesh, supports, materials, test points. Cheap checks come first.
 
+use super::elements::Elements;
 use super::run::Prepared;
 use super::{assemble, volume};
 use crate::csv_table::Table;
@@ -14,7 +15,8 @@ use palpate_body::Surface;
 use palpate_identify::{Amount, test_points, touchable};
 use palpate_simulate::material::{self, Bulk};
 use palpate_simulate::mesh::check::check;
-use palpate_simulate::{Drag, PointPlan, TetMesh};
+use palpate_simulate::{Drag, Model, PointPlan, TetMesh};
+use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
@@ -74,7 +76,7 @@ pub fn inputs_of(spec: &Spec, simulation: &Simulation) -> Vec<PathBuf> {
 ///
 /// # Errors
 /// Whatever is wrong with meshes, supports, regions or test points, with its place.
-pub fn prepare(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Prepared<Physics>> {
+pub fn prepare(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Prepared<Elements>> {
     let in_spec = |e: palpate_body::BodyError| e.in_file(path);
     let volume::Source { triangles, mesh, tolerance_m, of_surface, mut notes } =
         volume::source(spec, simulation, path)?;
@@ -115,7 +117,13 @@ pub fn prepare(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Prep
     let (mesh, materials) = regions(simulation, mesh)?;
     let named = |e: palpate_simulate::SimulateError| anyhow!("{}: {e}", name.display());
     notes.extend(check(&mesh, &holds).map_err(named)?);
-    let nodes = choose(simulation, &surface, &held, path, &mut notes)?;
+    let solver = Elements::new(Physics { mesh, materials, fixed }, simulation, path)?;
+    let named = match &simulation.test_points {
+        TestPoints::At(points) => points.len(),
+        _ => usize::MAX,
+    };
+    let guide = guide(solver.model(), &surface, named, margin(simulation)?);
+    let nodes = choose(simulation, &surface, &held, &guide, path, &mut notes)?;
     let points = nodes.into_iter().map(|node| TestPoint {
         node,
         plan: point_plan(
@@ -128,11 +136,86 @@ pub fn prepare(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Prep
     let index: HashMap<u32, u32> = boundary.nodes.iter().zip(0..).map(|(n, i)| (*n, i)).collect();
     let scene = Scene {
         surface: triangles,
-        boundary_m: boundary.nodes.iter().map(|n| mesh.positions[*n as usize]).collect(),
+        guide_n_per_m: guide,
+        boundary_m: boundary.nodes.iter().map(|n| solver.model().mesh().positions[*n as usize]).collect(),
         faces: boundary.faces.iter().map(|face| face.map(|n| index[&n])).collect(),
         notes,
     };
-    Ok(Prepared { scene, points, solver: Physics { mesh, materials, fixed } })
+    Ok(Prepared { scene, points, solver })
+}
+
+/// So few test points, named by the spec, need no guide between them.
+const UNGUIDED: usize = 3;
+
+/// Places at which the stiffness at rest is found; between them it is interpolated.
+const GUIDED: usize = 600;
+
+/// The body's stiffness at rest under a patch as wide as the tool, N/m, at each of the surface's nodes: what its
+/// responses go with from place to place, and known everywhere for one substitution each.
+fn guide(model: &Model, surface: &Surface, points: usize, radius_m: f64) -> Vec<f64> {
+    let positions = surface.positions();
+    if points <= UNGUIDED {
+        return vec![1.0; positions.len()];
+    }
+    let (places, of) = sparse(positions, surface.inward_normals());
+    let at = |&n: &u32| {
+        let n = n as usize;
+        model.stiffness_at(positions[n], surface.inward_normals()[n], radius_m)
+    };
+    let mut found: Vec<f64> = places.par_iter().map(at).collect();
+    // What supports carry alone is no stiffer than a hundred times the usual.
+    let mut sorted = found.clone();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let most = 100.0 * sorted[sorted.len() / 4];
+    found.iter_mut().for_each(|k| *k = k.min(most));
+    of.iter().map(|shares| shares.iter().map(|(place, share)| share * found[*place as usize]).sum()).collect()
+}
+
+/// At most [`GUIDED`] nodes spread over the surface, and for each node the shares of those around it.
+fn sparse(positions: &[DVec3], normals: &[DVec3]) -> (Vec<u32>, Vec<Vec<(u32, f64)>>) {
+    let all = positions.len();
+    if all <= GUIDED {
+        return ((0..all as u32).collect(), (0..all as u32).map(|n| vec![(n, 1.0)]).collect());
+    }
+    let low = positions.iter().fold(DVec3::INFINITY, |low, p| low.min(*p));
+    let high = positions.iter().fold(DVec3::NEG_INFINITY, |high, p| high.max(*p));
+    let mut cell = (high - low).length() / (GUIDED as f64).sqrt();
+    let key = |p: DVec3, cell: f64| ((p - low) / cell).floor().to_array().map(|c| c as i64);
+    let places = loop {
+        // The first node of each cell.
+        let mut cells: BTreeMap<[i64; 3], u32> = BTreeMap::new();
+        for (n, p) in positions.iter().enumerate() {
+            cells.entry(key(*p, cell)).or_insert(n as u32);
+        }
+        if cells.len() <= GUIDED {
+            break cells;
+        }
+        cell *= 1.1;
+    };
+    let listed: Vec<u32> = places.values().copied().collect();
+    let index: HashMap<[i64; 3], u32> = places.keys().copied().zip(0..).collect();
+    let shares = positions.iter().zip(normals).map(|(p, normal)| {
+        let [x, y, z] = key(*p, cell);
+        let mut near: Vec<(u32, f64)> = Vec::new();
+        for (dx, dy, dz) in
+            (-1..=1).flat_map(|x| (-1..=1).flat_map(move |y| (-1..=1).map(move |z| (x, y, z))))
+        {
+            let Some(&place) = index.get(&[x + dx, y + dy, z + dz]) else { continue };
+            let other = listed[place as usize] as usize;
+            // Not what lies on the other side of a thin part.
+            if normals[other].dot(*normal) > 0.0 {
+                near.push((place, 1.0 / (p.distance_squared(positions[other]) + 1e-3 * cell * cell)));
+            }
+        }
+        if near.is_empty() {
+            near.push((index[&[x, y, z]], 1.0));
+        }
+        let total: f64 = near.iter().map(|(_, w)| w).sum();
+        near.iter_mut().for_each(|(_, w)| *w /= total);
+        near
+    });
+    let shares = shares.collect();
+    (listed, shares)
 }
 
 fn bits(p: DVec3) -> [u64; 3] {
@@ -320,6 +403,7 @@ fn choose(
     simulation: &Simulation,
     surface: &Surface,
     held: &[bool],
+    guide: &[f64],
     path: &Path,
     notes: &mut Vec<String>,
 ) -> Result<Vec<u32>> {
@@ -345,7 +429,7 @@ fn choose(
         TestPoints::Spacing(spacing) => Amount::Spacing(*spacing),
         TestPoints::At(points) => return named_points(points, surface, held, path, notes),
     };
-    test_points(surface, &touchable, amount, None)
+    test_points(surface, &touchable, amount, Some(guide))
         .map_err(|e| anyhow!("{}: [test_points]: {e}", path.display()))
 }
 
@@ -406,7 +490,8 @@ pub fn point_plan(simulation: &Simulation, point: DVec3, inward: DVec3) -> Point
         (first * cos + second * sin).reject_from_normalized(inward).normalize()
     };
     let end = simulation.deflection.lateral_max_m;
-    let steps = simulation.deflection.steps;
+    // Drags are straighter than presses, and there are four of them and more.
+    let steps = simulation.deflection.steps.div_ceil(3).max(4);
     let distances: Vec<f64> = (1..=steps).map(|i| end * f64::from(i) / f64::from(steps)).collect();
     let drag = |&from: &usize| {
         let distances = distances.clone();

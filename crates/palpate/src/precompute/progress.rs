@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 /// Between lines, where there is no bar.
 const QUIET: Duration = Duration::from_secs(15);
 
+/// Points and paths done, and an estimate of the time left.
 pub struct Progress {
     bar: Option<ProgressBar>,
     begun: Instant,

@@ -2,7 +2,7 @@
 //! mesh's boundary.
 
 use super::prepare::layers;
-use crate::spec::{Contact, Geometry, Simulation, Spec, ToolShape};
+use crate::spec::{Contact, Geometry, Simulation, Spec, TestPoints, ToolShape};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
 use palpate_body::TriangleMesh;
@@ -13,7 +13,7 @@ use palpate_simulate::TetMesh;
 use palpate_simulate::mesh::Boundary;
 use palpate_simulate::mesh::import::{Imported, read_any};
 use palpate_simulate::mesh::shape::fill as fill_shape;
-use palpate_simulate::mesh::stuffing::{FillOptions, FillReport, fill};
+use palpate_simulate::mesh::stuffing::{Ball, FillOptions, FillReport, fill};
 use std::path::Path;
 
 /// What a body is touched on and solved in.
@@ -148,7 +148,35 @@ fn options(
     }
     let mut options = FillOptions::new(edge);
     options.interior_edge_m = interior(edge);
+    if let (None, TestPoints::At(points)) = (sizes.element_size_m, &simulation.test_points)
+        && points.len() <= FEW
+    {
+        let radius = tool_radius(simulation)?;
+        let fine = radius / ACROSS;
+        if fine < edge {
+            options.finer = points
+                .iter()
+                .map(|p| Ball { centre: on(surface, *p), radius_m: 1.5 * radius, edge_m: fine })
+                .collect();
+            let millimetres = fine * 1e3;
+            notes.push(format!(
+                "elements around the test points have {millimetres:.2} mm, a sixth of the tool's radius"
+            ));
+        }
+    }
     Ok(options)
+}
+
+/// So few test points named by the spec get small elements around each: one wants to know them well.
+const FEW: usize = 3;
+/// Of those elements, edges along the tool's radius.
+const ACROSS: f64 = 6.0;
+
+/// The surface's node nearest to a point.
+fn on(surface: &TriangleMesh, p: DVec3) -> DVec3 {
+    let distance = |q: &&DVec3| q.distance_squared(p);
+    let nearest = surface.positions.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+    nearest.copied().unwrap_or(p)
 }
 
 /// About how many nodes a mesh has: a lattice cell has 16, cells grow inwards, and are largest deep inside.

@@ -193,7 +193,7 @@ fn lock(folder: &Path) -> Result<File> {
     {
         use std::os::unix::fs::MetadataExt;
         let ids = file.metadata().ok().zip(std::fs::metadata(&path).ok());
-        if !ids.is_some_and(|(a, b)| a.ino() == b.ino()) {
+        if ids.is_none_or(|(a, b)| a.ino() != b.ino()) {
             return Err(busy());
         }
     }

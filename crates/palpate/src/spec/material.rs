@@ -1,6 +1,6 @@
 //! `[material]`: a stored energy and its parameters.
 
-use super::source::Source;
+use super::source::{Row, Source};
 use anyhow::Result;
 use palpate_simulate::material::POISSON_RATIO_MAX;
 use serde::Deserialize;
@@ -121,7 +121,7 @@ pub struct RawMaterial {
     bulk_modulus_pa: Option<Spanned<f64>>,
     c10_pa: Option<Spanned<f64>>,
     c01_pa: Option<Spanned<f64>>,
-    terms: Option<Spanned<Vec<[f64; 2]>>>,
+    terms: Option<Spanned<Vec<Row<2>>>>,
     c_pa: Option<Spanned<Vec<f64>>>,
     mu_pa: Option<Spanned<f64>>,
     b: Option<Spanned<f64>>,
@@ -130,22 +130,22 @@ pub struct RawMaterial {
     pub group: Option<Spanned<String>>,
     pub sphere: Option<Spanned<RawSphere>>,
     pub ellipsoid: Option<Spanned<RawEllipsoid>>,
-    pub box_mm: Option<Spanned<[[f64; 3]; 2]>>,
+    pub box_mm: Option<Spanned<Row<2, Row<3>>>>,
     pub region: Option<Vec<Spanned<RawMaterial>>>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RawSphere {
-    pub centre_mm: Spanned<[f64; 3]>,
+    pub centre_mm: Spanned<Row<3>>,
     pub radius_mm: Spanned<f64>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RawEllipsoid {
-    pub centre_mm: Spanned<[f64; 3]>,
-    pub radii_mm: Spanned<[f64; 3]>,
+    pub centre_mm: Spanned<Row<3>>,
+    pub radii_mm: Spanned<Row<3>>,
 }
 
 impl RawMaterial {
@@ -277,7 +277,7 @@ fn ogden(source: &Source, m: &RawMaterial) -> Result<Law> {
         let problem = format!("terms has {} rows", rows.len());
         return Err(source.error(terms.span(), &problem, "give 1 to 8 rows [mu_pa, alpha]"));
     }
-    for [mu, alpha] in rows {
+    for Row([mu, alpha]) in rows {
         if !(mu.abs() <= 1e12 && alpha.abs() >= 1e-3 && alpha.abs() <= 100.0) {
             let problem = format!("terms has the row [{mu}, {alpha}]");
             return Err(source.error(
@@ -287,7 +287,7 @@ fn ogden(source: &Source, m: &RawMaterial) -> Result<Law> {
             ));
         }
     }
-    Ok(Law::Ogden { terms: rows.clone() })
+    Ok(Law::Ogden { terms: rows.iter().map(|row| row.0).collect() })
 }
 
 fn yeoh(source: &Source, m: &RawMaterial) -> Result<Law> {
@@ -309,7 +309,7 @@ fn check_rest(
     material: &Material,
 ) -> Result<()> {
     let (mu, k) = (material.shear_modulus_pa(), material.bulk_modulus_pa());
-    if !(mu >= *MODULI.start() && mu <= *MODULI.end()) && !matches!(material.volume, Volume::BulkModulus(_)) {
+    if !MODULI.contains(&mu) && !matches!(material.volume, Volume::BulkModulus(_)) {
         let problem = format!("at rest {name}'s shear modulus is {mu} Pa with these parameters");
         return Err(source.error(span, &problem, "correct them so that it is positive"));
     }

@@ -2,7 +2,7 @@
 
 use super::material::{self, Material, RawMaterial};
 use super::response::RawDeflection;
-use super::source::Source;
+use super::source::{Row, Source};
 use super::tool::{self, Contact, RawTool, ToolShape};
 use super::{Deflection, Friction, Geometry, Spec};
 use anyhow::{Result, anyhow};
@@ -156,7 +156,7 @@ struct RawBody {
 #[serde(deny_unknown_fields)]
 struct RawFixed {
     half_space: Option<Spanned<RawHalfSpace>>,
-    box_mm: Option<Spanned<[[f64; 3]; 2]>>,
+    box_mm: Option<Spanned<Row<2, Row<3>>>>,
     group: Option<Spanned<String>>,
     nodes: Option<Spanned<PathBuf>>,
     axes: Option<Spanned<Vec<String>>>,
@@ -165,8 +165,8 @@ struct RawFixed {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawHalfSpace {
-    point_mm: Spanned<[f64; 3]>,
-    normal: Spanned<[f64; 3]>,
+    point_mm: Spanned<Row<3>>,
+    normal: Spanned<Row<3>>,
 }
 
 #[derive(Deserialize)]
@@ -174,7 +174,7 @@ struct RawHalfSpace {
 struct RawTestPoints {
     count: Option<Spanned<i64>>,
     spacing_mm: Option<Spanned<f64>>,
-    at_mm: Option<Spanned<Vec<[f64; 3]>>>,
+    at_mm: Option<Spanned<Vec<Row<3>>>>,
     tolerance_percent: Option<Spanned<f64>>,
 }
 
@@ -272,8 +272,8 @@ fn vector(source: &Source, span: Range<usize>, key: &str, v: [f64; 3]) -> Result
     Err(source.error(span, &format!("{key} is {v:?}"), &mend))
 }
 
-fn box_of(source: &Source, corners: &Spanned<[[f64; 3]; 2]>) -> Result<Place> {
-    let [low, high] = *corners.get_ref();
+fn box_of(source: &Source, corners: &Spanned<Row<2, Row<3>>>) -> Result<Place> {
+    let [low, high] = corners.get_ref().0.map(|row| row.0);
     let place = |v| vector(source, corners.span(), "box_mm", v);
     let (low, high) = (place(low)?, place(high)?);
     if (high - low).min_element() > 0.0 {
@@ -281,19 +281,19 @@ fn box_of(source: &Source, corners: &Spanned<[[f64; 3]; 2]>) -> Result<Place> {
     }
     let problem = format!(
         "box_mm is {:?}: its second corner is not beyond its first along each axis",
-        corners.get_ref()
+        [low, high].map(|v| (v * 1e3).to_array())
     );
     Err(source.error(corners.span(), &problem, "give the least x, y, z, then the greatest"))
 }
 
 fn ellipsoid(
     source: &Source,
-    centre: &Spanned<[f64; 3]>,
+    centre: &Spanned<Row<3>>,
     radii: [f64; 3],
     span: Range<usize>,
     key: &str,
 ) -> Result<Place> {
-    let centre = vector(source, centre.span(), "centre_mm", *centre.get_ref())?;
+    let centre = vector(source, centre.span(), "centre_mm", centre.get_ref().0)?;
     if !radii.iter().all(|r| (1e-3..=MAX_COORDINATE_MM).contains(r)) {
         let problem = match radii {
             [r, ..] if key == "radius_mm" => format!("{key} is {r}"),
@@ -333,8 +333,8 @@ fn fixed(source: &Source, raw: &Spanned<RawFixed>) -> Result<Fixed> {
     let mut given = Vec::new();
     if let Some(half) = &f.half_space {
         let (point, normal) = (&half.get_ref().point_mm, &half.get_ref().normal);
-        let point = vector(source, point.span(), "point_mm", *point.get_ref())?;
-        let direction = vector(source, normal.span(), "normal", *normal.get_ref())?.try_normalize();
+        let point = vector(source, point.span(), "point_mm", point.get_ref().0)?;
+        let direction = vector(source, normal.span(), "normal", normal.get_ref().0)?.try_normalize();
         let Some(normal) = direction else {
             let problem = "the half space's normal has no direction";
             return Err(source.error(normal.span(), problem, "give one that is not zero, e.g. [0, 0, 1]"));
@@ -410,7 +410,7 @@ fn regions(source: &Source, base: &RawMaterial) -> Result<Vec<Region>> {
         }
         if let Some(e) = &m.ellipsoid {
             let (centre, r) = (&e.get_ref().centre_mm, &e.get_ref().radii_mm);
-            given.push(Selection::Place(ellipsoid(source, centre, *r.get_ref(), r.span(), "radii_mm")?));
+            given.push(Selection::Place(ellipsoid(source, centre, r.get_ref().0, r.span(), "radii_mm")?));
         }
         if let Some(corners) = &m.box_mm {
             given.push(Selection::Place(box_of(source, corners)?));
@@ -492,7 +492,7 @@ fn test_points(source: &Source, raw: &Spanned<RawTestPoints>) -> Result<TestPoin
             let mend = format!("give 1 to {MAX_COUNT} points [x, y, z]");
             return Err(source.error(at.span(), &format!("at_mm has {} points", at.get_ref().len()), &mend));
         }
-        let points = at.get_ref().iter().map(|&p| vector(source, at.span(), "a point of at_mm", p));
+        let points = at.get_ref().iter().map(|p| vector(source, at.span(), "a point of at_mm", p.0));
         given.push(TestPoints::At(points.collect::<Result<_>>()?));
     }
     one_of(source, raw.span(), "[test_points]", "count, spacing_mm, at_mm", given)

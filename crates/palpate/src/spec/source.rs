@@ -5,6 +5,20 @@ use std::ops::{Range, RangeInclusive};
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 
+/// A list of so many values, no fewer and no more.
+#[derive(Clone, Copy, serde::Deserialize)]
+#[serde(try_from = "Vec<T>", bound = "T: serde::Deserialize<'de>")]
+pub struct Row<const N: usize, T = f64>(pub [T; N]);
+
+impl<const N: usize, T> TryFrom<Vec<T>> for Row<N, T> {
+    type Error = String;
+
+    fn try_from(list: Vec<T>) -> std::result::Result<Self, String> {
+        let count = list.len();
+        list.try_into().map(Row).map_err(|_| format!("invalid length {count}, expected {N}"))
+    }
+}
+
 /// The text that spans point into.
 pub struct Source<'a> {
     pub path: &'a Path,
@@ -63,7 +77,10 @@ impl Source<'_> {
             "correct the key's spelling and unit, or remove it"
         } else if message.starts_with("missing field") {
             "add it to this table"
-        } else if message.starts_with("invalid type") || message.starts_with("unknown variant") {
+        } else if message.starts_with("invalid type")
+            || message.starts_with("invalid length")
+            || message.starts_with("unknown variant")
+        {
             "give a value of the kind that is expected"
         } else {
             "correct the TOML there"
