@@ -87,7 +87,7 @@ fn table_of_sphere() {
     let (radius, depth): (f64, f64) = (0.1, 1e-4);
     let contact = (radius * depth).sqrt();
     for poisson in [0.3, 0.49] {
-        for per_radius in [1.0, 2.0, 4.0, 7.0] {
+        for per_radius in [0.25, 0.5, 1.0, 2.0, 4.0] {
             let found = sphere(radius, contact, contact / per_radius, poisson, &[0.5 * depth, depth])[1];
             let error = found / hertz(radius, poisson, depth) - 1.0;
             println!("| {poisson} | {per_radius} | {:+.2} % |", 100.0 * error);
