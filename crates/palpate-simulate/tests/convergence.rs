@@ -77,9 +77,9 @@ fn errors(n: usize, poisson: f64) -> [f64; 3] {
             let norms = |h: &[[f64; 3]; 3]| {
                 let trace = h[0][0] + h[1][1] + h[2][2];
                 let mut shear = 0.0;
-                for i in 0..3 {
-                    for j in 0..3 {
-                        shear += (0.5 * (h[i][j] + h[j][i])).powi(2);
+                for (i, row) in h.iter().enumerate() {
+                    for (j, value) in row.iter().enumerate() {
+                        shear += (0.5 * (value + h[j][i])).powi(2);
                     }
                 }
                 [shear, moduli.shear_pa * shear + 0.5 * moduli.lambda_pa() * trace * trace]

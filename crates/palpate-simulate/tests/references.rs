@@ -82,7 +82,6 @@ impl Cylinder {
 
     /// Presses to depths (mm) and compares with forces (N).
     fn check(&self, material: &Material, expected: &[(f64, f64)], tolerance: f64) {
-        // A state between eases the way.
         let way: Vec<[f64; 2]> = expected.iter().map(|(depth, _)| [*depth, 0.0]).collect();
         let path = self.path(material, &way, false);
         assert_eq!(path.stopped, None, "{material:?}");
@@ -115,9 +114,9 @@ fn fine_mesh() {
         println!("skipped: the mesh of 53,010 unknowns is not here");
         return;
     };
-    cylinder.check(&LOGARITHMIC, &[(2.0, 0.31311241), (4.0, 0.61790498), (6.0, 0.91482611)], 1e-3);
+    cylinder.check(&LOGARITHMIC, &[(2.0, 0.31311241), (4.0, 0.61790498), (6.0, 0.91482611)], 1e-5);
     let isochoric = [(1.0, 0.1577715), (2.0, 0.31394907), (3.0, 0.46827933), (4.0, 0.62075831)];
-    cylinder.check(&ISOCHORIC, &isochoric, 1e-3);
+    cylinder.check(&ISOCHORIC, &isochoric, 1e-5);
 }
 
 /// From 5 mm deep along the axis. Reference: FElupe.
@@ -160,6 +159,7 @@ fn to_twenty_millimetres() {
 
 /// St. Venant–Kirchhoff's law collapses between 2 and 4 mm: the path ends, says where, and soon.
 #[test]
+#[ignore = "half a minute"]
 fn a_collapse_ends_the_path() {
     let material = Material::StVenantKirchhoff { mu_pa: MU, lambda_pa: LAMBDA };
     let way: Vec<[f64; 2]> = (1..=8).map(|depth| [f64::from(depth), 0.0]).collect();

@@ -1,0 +1,214 @@
+//! Indentation against exact solutions: a sphere on a half space, a flat punch on a layer.
+
+mod support;
+
+use glam::DVec3;
+use palpate_body::shape::Shape;
+use palpate_simulate::mesh::shape::fill;
+use palpate_simulate::mesh::stuffing::{Ball, FillOptions};
+use palpate_simulate::{Contact, Fixed, Material, Model, PointPlan, TetMesh, Tool};
+use std::f64::consts::FRAC_PI_2;
+use std::sync::atomic::AtomicBool;
+use support::{hold, moved};
+
+const YOUNG_PA: f64 = 1e4;
+
+/// Force (N) at depths (m) of a frictionless sphere on the corner of a quarter of a half space, whose elements within
+/// 1.2 contact radii have that edge.
+fn sphere(radius_m: f64, contact_m: f64, edge_m: f64, poisson: f64, depths: &[f64]) -> Vec<f64> {
+    // A force on a half space still moves it by 0.42 contact radii over the distance, of the depth, far away: 0.2 %
+    // of the force remain as the block's error.
+    let side_m = 250.0 * contact_m;
+    let block = Shape::Block { size_mm: [1e3 * side_m; 3] };
+    let corner = DVec3::new(-0.5, -0.5, 0.5) * side_m;
+    let mut options = FillOptions::new((side_m / 4.0).min(250.0 * edge_m));
+    options.finer.push(Ball { centre: corner, radius_m: 1.2 * contact_m, edge_m });
+    let (mesh, _) = fill(&block, &options).unwrap();
+    let fixed = hold(&mesh, |p| {
+        let bottom = p.z < -0.5 * side_m * (1.0 - 1e-9);
+        let plane = |x: f64| x < -0.5 * side_m * (1.0 - 1e-9);
+        [bottom || plane(p.x), bottom || plane(p.y), bottom]
+    });
+    let start = std::time::Instant::now();
+    let nodes = mesh.positions.len();
+    let model = Model::new(mesh, vec![Material::linear(YOUNG_PA, poisson).unwrap()], &fixed).unwrap();
+    let plan = PointPlan { point: corner, inward: DVec3::NEG_Z, depths: depths.to_vec(), drags: vec![] };
+    let tool = Tool::Sphere { radius_m };
+    let (paths, counts) =
+        model.simulate_counted(&tool, Contact::Frictionless, &plan, &AtomicBool::new(false)).unwrap();
+    assert_eq!(paths.press.stopped, None);
+    println!("{nodes} nodes, {:.1} s, {counts:?}", start.elapsed().as_secs_f64());
+    paths.press.states.iter().map(|state| -4.0 * state.force_n.z).collect()
+}
+
+/// Hertz 1882: F = 4/3 E/(1 − ν²) √R d^(3/2).
+fn hertz(radius_m: f64, poisson: f64, depth_m: f64) -> f64 {
+    4.0 / 3.0 * YOUNG_PA / (1.0 - poisson * poisson) * radius_m.sqrt() * depth_m.powf(1.5)
+}
+
+/// So shallow (a thousandth of the radius) that a sphere is Hertz's paraboloid; an edge of a quarter of the contact
+/// radius.
+#[test]
+fn sphere_on_a_half_space() {
+    let (radius, depth): (f64, f64) = (0.1, 1e-4);
+    let contact = (radius * depth).sqrt();
+    for poisson in [0.3, 0.49] {
+        let found = sphere(radius, contact, contact / 4.0, poisson, &[0.5 * depth, depth])[1];
+        let error = found / hertz(radius, poisson, depth) - 1.0;
+        println!("ν = {poisson}: {found:.5e} N, {:+.2} %", 100.0 * error);
+        assert!(error.abs() < 0.01, "ν = {poisson}: {found} N is off by {error}");
+    }
+}
+
+/// R = 10 mm, small strain, against an axisymmetric solution with FElupe (0.08 mm elements): deeper, a sphere is no
+/// paraboloid.
+#[test]
+#[ignore = "some minutes"]
+fn sphere_deeper() {
+    for (poisson, expected) in [
+        (0.3, [1.4810816e-3, 7.7756643e-3, 1.6806376e-2]),
+        (0.49, [1.7422017e-3, 9.0345664e-3, 1.9356984e-2]),
+    ] {
+        let found = sphere(0.01, 2.236e-3, 4e-4, poisson, &[1e-4, 3e-4, 5e-4]);
+        for (found, expected) in found.iter().zip(expected) {
+            println!(
+                "ν = {poisson}: {found:.5e} N, reference {expected:.5e}, {:+.2} %",
+                100.0 * (found / expected - 1.0)
+            );
+            assert!((found / expected - 1.0).abs() < 0.01);
+        }
+    }
+}
+
+/// How fine must the mesh be? Prints errors against elements per contact radius.
+#[test]
+#[ignore = "a table; some minutes"]
+fn table_of_sphere() {
+    let (radius, depth): (f64, f64) = (0.1, 1e-4);
+    let contact = (radius * depth).sqrt();
+    for poisson in [0.3, 0.49] {
+        for per_radius in [0.25, 0.5, 1.0, 2.0, 4.0] {
+            let found = sphere(radius, contact, contact / per_radius, poisson, &[0.5 * depth, depth])[1];
+            let error = found / hertz(radius, poisson, depth) - 1.0;
+            println!("| {poisson} | {per_radius} | {:+.2} % |", 100.0 * error);
+        }
+    }
+}
+
+/// A quarter of a disc with a layer under it: rings at the radii `rings` (m, ascending from the centre), planes at the
+/// depths `planes` (m, ascending from the surface z = 0).
+fn layer(rings: &[f64], planes: &[f64]) -> TetMesh {
+    let (n, m) = (rings.len() - 1, planes.len() - 1);
+    let index = |[i, j, k]: [usize; 3]| ((i * (n + 1) + j) * (m + 1) + k) as u32;
+    let mut tetrahedra = Vec::new();
+    let mut positions = Vec::new();
+    let between = |knots: &[f64], t: f64| {
+        let i = (t.floor() as usize).min(knots.len() - 2);
+        knots[i] + (t - i as f64) * (knots[i + 1] - knots[i])
+    };
+    for i in 0..=n {
+        for j in 0..=n {
+            for k in 0..=m {
+                positions.push(DVec3::new(i as f64, j as f64, k as f64));
+                if i < n && j < n && k < m {
+                    for [a, b] in [[0, 1], [1, 2], [2, 0], [1, 0], [2, 1], [0, 2]] {
+                        let mut at = [i, j, k];
+                        at[a] += 1;
+                        let second = index(at);
+                        at[b] += 1;
+                        tetrahedra.push([index([i, j, k]), second, index(at), index([i + 1, j + 1, k + 1])]);
+                    }
+                }
+            }
+        }
+    }
+    let mut mesh = TetMesh::from_corners(positions, &tetrahedra);
+    for p in &mut mesh.positions {
+        // Squares become rings; the surface is up.
+        let (large, small) = (p.x.max(p.y), p.x.min(p.y));
+        let angle = if large > 0.0 { 0.5 * FRAC_PI_2 * small / large } else { 0.0 };
+        let angle = if p.y > p.x { FRAC_PI_2 - angle } else { angle };
+        let r = between(rings, large);
+        *p = DVec3::new(r * angle.cos(), r * angle.sin(), -between(planes, p.z));
+    }
+    // The map may turn all tetrahedra over.
+    for element in &mut mesh.elements {
+        let p = element.map(|n| mesh.positions[n as usize]);
+        if (p[1] - p[0]).cross(p[2] - p[0]).dot(p[3] - p[0]) < 0.0 {
+            let [a, b, c, d, ab, bc, ca, ad, bd, cd] = *element;
+            *element = [a, b, d, c, ab, bd, ad, ca, bc, cd];
+        }
+    }
+    mesh
+}
+
+/// κ of F = 2 E a d κ/(1 − ν²) (Hayes et al. 1972) of a punch of radius a on a layer that is bonded below; elements at
+/// the punch's rim are `finest` radii large.
+fn hayes(per_height: f64, poisson: f64, finest: f64) -> f64 {
+    let (radius, depth) = (0.01, 1e-4);
+    let height = radius / per_height;
+    // Towards the rim of the punch from both sides, then outwards to five heights beyond.
+    let mut inwards = vec![radius];
+    let mut outwards = vec![];
+    let mut step = finest * radius;
+    while inwards[inwards.len() - 1] > 1.7 * step {
+        inwards.push(inwards[inwards.len() - 1] - step);
+        outwards.push(2.0 * radius - inwards[inwards.len() - 1]);
+        step = (1.6 * step).min(0.3 * radius);
+    }
+    inwards.push(0.0);
+    inwards.reverse();
+    let mut rings = inwards;
+    rings.extend(outwards);
+    while rings[rings.len() - 1] < radius + 4.0 * height {
+        rings.push(rings[rings.len() - 1] + step);
+        step *= 1.5;
+    }
+    let mut planes = vec![0.0];
+    let mut step = finest * radius;
+    while planes[planes.len() - 1] + 1.6 * step < height {
+        planes.push(planes[planes.len() - 1] + step);
+        step = (1.6 * step).min(0.3 * height);
+    }
+    planes.push(height);
+    let mesh = layer(&rings, &planes);
+    let fixed = hold(&mesh, |p| {
+        let bottom = p.z < -height * (1.0 - 1e-9);
+        [bottom || p.x.abs() < 1e-12, bottom || p.y.abs() < 1e-12, bottom]
+    });
+    let punch: Vec<Fixed> = hold(&mesh, |p| {
+        let under = p.z > -1e-12 && p.x.hypot(p.y) < radius * (1.0 + 1e-6);
+        [false, false, under]
+    });
+    let material = Material::linear(YOUNG_PA, poisson).unwrap();
+    let (path, _) = moved(&mesh, &material, &fixed, &punch, &[DVec3::NEG_Z * depth]);
+    -4.0 * path.states[0].force_n.z * (1.0 - poisson * poisson) / (2.0 * YOUNG_PA * radius * depth)
+}
+
+/// κ from an integral equation, confirmed with FElupe and CalculiX to 0.1 %.
+#[test]
+fn flat_punch_on_a_layer() {
+    for (per_height, poisson, expected) in [(0.5, 0.3, 1.62403), (1.0, 0.45, 3.09141), (1.0, 0.49, 3.48398)] {
+        let found = hayes(per_height, poisson, 0.02);
+        println!("a/h = {per_height}, ν = {poisson}: {found:.4}, {:+.2} %", 100.0 * (found / expected - 1.0));
+        assert!((found / expected - 1.0).abs() < 0.01, "{found}, not {expected}");
+    }
+}
+
+#[test]
+#[ignore = "a table; a minute"]
+fn table_of_flat_punch() {
+    for (per_height, poisson, expected) in [
+        (0.5, 0.3, 1.62403),
+        (0.5, 0.45, 1.80626),
+        (0.5, 0.49, 1.90275),
+        (1.0, 0.3, 2.48352),
+        (1.0, 0.45, 3.09141),
+        (1.0, 0.49, 3.48398),
+    ] {
+        for finest in [0.16, 0.08, 0.04, 0.02] {
+            let found = hayes(per_height, poisson, finest);
+            println!("| {per_height} | {poisson} | {finest} | {:+.2} % |", 100.0 * (found / expected - 1.0));
+        }
+    }
+}
