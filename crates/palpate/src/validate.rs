@@ -393,7 +393,8 @@ impl Tried {
         /// Steps from one state to the next; the first of all must end inside.
         const BETWEEN: u32 = 8;
         let radius = body.tool().radius_m;
-        let gap = 1e-4;
+        // In a hollow the tool would begin inside, and feel nothing.
+        let gap = radius.max(1e-4);
         let pose = |depth: f64, distance: f64| {
             let tip = self.point + self.inward * (depth - radius) + self.direction * distance;
             ToolPose::at(tip.to_array())
