@@ -146,6 +146,10 @@ fn what_is_written_is_read() {
 fn old_files_are_read() {
     let files = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/files");
     for (name, body) in [("version-1", body(&cube(), 0.5, 4)), ("version-2", anisotropic(&cube(), 4))] {
+        // Programs of that time knew no errors of a fit.
+        let mut parts = body.parts();
+        parts.provenance.point_errors.clear();
+        let body = Body::new(parts).unwrap();
         let path = files.join(name).with_extension("body");
         if std::env::var_os("PALPATE_BLESS").is_some() && !path.exists() {
             body.save(&path).unwrap();

@@ -309,7 +309,11 @@ const CASES: &[(&str, &str, &[&str])] = &[
         "nodes = \"empty.csv\"",
         &["empty.csv", "give"],
     ),
-    ("[0, 0, -8], normal = [0, 0, -1]", "[0, 0, -80], normal = [0, 0, 1]", &["spec.toml", "touched", "free"]),
+    (
+        "[0, 0, -8], normal = [0, 0, -1]",
+        "[0, 0, -80], normal = [0, 0, 1]",
+        &["spec.toml", "supports", "free"],
+    ),
     (
         "centre_mm = [0, 0, 0], radius_mm = 8",
         "centre_mm = [50, 0, 0], radius_mm = 8",

@@ -50,9 +50,6 @@ pub struct Args {
 /// # Errors
 /// See [`Failure`].
 pub fn run(args: &Args) -> Result<(), Failure> {
-    if cfg!(debug_assertions) {
-        console::note("this is a debug build: its times mean little");
-    }
     if args.simulate.asked() {
         return simulate::run(&args.simulate, args.steps.unwrap_or(8), args.json);
     }
@@ -62,6 +59,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     if !(10_000..=100_000_000).contains(&steps) {
         return Err(anyhow!("--steps {steps}: give a number between 10000 and 100000000").into());
+    }
+    if cfg!(debug_assertions) {
+        console::note("this is a debug build: its times mean little");
     }
     let clock = Clock::measure();
     console::note(&format!("reading the clock takes {:.0} ns", clock.overhead_ns));
