@@ -6,7 +6,7 @@
 //! 1974; Simo, Taylor & Pister 1985), which takes one condition from each element and locks nothing. Up to ν = 0.45
 //! the element is the plain one.
 
-use crate::material::{Density, Material, Tensor};
+use crate::material::{Density, Material, Tensor, VolumeMeasure};
 use glam::DVec3;
 
 /// Shares of the corners' area coordinates at a Gauss point (Keast 1986, degree 2): 3/20 + √5/20·… each once.
@@ -126,7 +126,9 @@ impl Tissue {
         let shear = material.small_strain().shear_pa;
         let pointwise_pa = material.bulk_pa().min(POINTWISE_BULK * shear);
         let mean_pa = material.bulk_pa() - pointwise_pa;
-        Tissue { pointwise_pa, mean_pa, positive: material.needs_positive_volume(), material }
+        // St. Venant–Kirchhoff's energy would let it happen; only the linear law knows no inside and outside.
+        let positive = material.measure() != VolumeMeasure::TraceEps;
+        Tissue { pointwise_pa, mean_pa, positive, material }
     }
 
     /// Stored energy, J; infinite where the element is turned inside out.

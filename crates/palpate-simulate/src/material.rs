@@ -261,7 +261,7 @@ impl Material {
 
     /// Whether the energy is infinite or undefined where det F ≤ 0.
     pub fn needs_positive_volume(&self) -> bool {
-        !matches!(self, Material::Linear { .. })
+        !matches!(self, Material::StVenantKirchhoff { .. } | Material::Linear { .. })
     }
 
     /// Shear and bulk modulus at rest.
