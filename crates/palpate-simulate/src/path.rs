@@ -84,3 +84,12 @@ pub struct Stop {
     /// In words.
     pub why: String,
 }
+
+/// Two unit vectors across `inward`, and with it a right-handed frame: first the one of the body's axes that lies
+/// flattest on the surface, so that neighbouring points turn alike. The tool's x and y point along them.
+pub fn tangents(inward: DVec3) -> (DVec3, DVec3) {
+    let steepness = |axis: &DVec3| axis.dot(inward).abs();
+    let flattest = DVec3::AXES.into_iter().rev().min_by(|a, b| steepness(a).total_cmp(&steepness(b)));
+    let first = flattest.unwrap_or(DVec3::X).reject_from_normalized(inward).normalize();
+    (first, inward.cross(first))
+}

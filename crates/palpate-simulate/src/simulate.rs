@@ -5,7 +5,7 @@ use crate::equilibrium::{Counts, Failure, Solver};
 use crate::load::Load;
 use crate::mesh::Boundary;
 use crate::model::{Fixed, Model};
-use crate::path::{Contact, Path, PointPaths, PointPlan, State, Stop};
+use crate::path::{Contact, Path, PointPaths, PointPlan, State, Stop, tangents};
 use crate::tool::Tool;
 use glam::{DMat3, DVec3};
 use std::collections::{HashMap, HashSet, VecDeque};
@@ -191,11 +191,8 @@ fn node_normals(boundary: &Boundary, positions: &[DVec3]) -> HashMap<u32, DVec3>
 
 /// A rotation that takes z to `inward`.
 fn frame(inward: DVec3) -> DMat3 {
-    // The body's axis that lies flattest on the surface is the tool's x, so that neighbours turn alike.
-    let flattest =
-        DVec3::AXES.into_iter().rev().min_by(|a, b| a.dot(inward).abs().total_cmp(&b.dot(inward).abs()));
-    let x = flattest.unwrap_or(DVec3::X).reject_from_normalized(inward).normalize();
-    DMat3::from_cols(x, inward.cross(x), inward)
+    let (x, y) = tangents(inward);
+    DMat3::from_cols(x, y, inward)
 }
 
 /// Where the load goes next.

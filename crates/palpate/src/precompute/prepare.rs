@@ -15,6 +15,7 @@ use palpate_body::Surface;
 use palpate_identify::{Amount, test_points, touchable};
 use palpate_simulate::material::{self, Bulk};
 use palpate_simulate::mesh::check::check;
+use palpate_simulate::path::tangents;
 use palpate_simulate::{Drag, Model, PointPlan, TetMesh};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
@@ -478,11 +479,7 @@ fn named_points(
 
 /// The load paths at a point.
 pub fn point_plan(simulation: &Simulation, point: DVec3, inward: DVec3) -> PointPlan {
-    // The axis that lies flattest on the surface, and what is perpendicular to it.
-    let axes = [DVec3::X, DVec3::Y, DVec3::Z];
-    let flattest = axes.into_iter().rev().min_by(|a, b| a.dot(inward).abs().total_cmp(&b.dot(inward).abs()));
-    let first = flattest.unwrap_or(DVec3::X).reject_from_normalized(inward).normalize();
-    let second = inward.cross(first);
+    let (first, second) = tangents(inward);
     let count = simulation.directions;
     let direction = |i: u32| {
         let turn = std::f64::consts::TAU * f64::from(i) / f64::from(count);
