@@ -9,7 +9,7 @@
 use crate::material::Moduli;
 use crate::model::Model;
 use crate::stiffness::Stiffness;
-use crate::tool::Tool;
+use crate::tool::{Placement, Tool, outer};
 use glam::{DMat3, DVec3};
 
 /// Penalty in contact moduli E/(1 − ν²) over the face's size.
@@ -38,15 +38,6 @@ pub(crate) fn rule() -> [(f64, [f64; 6]); POINTS] {
     })
 }
 
-/// A tool's place: its tip, and which way it points.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Pose {
-    /// m.
-    pub tip: DVec3,
-    /// From the tool's frame (z along the pressing direction) to the body's.
-    pub rotation: DMat3,
-}
-
 /// Where on the tool a point of the surface was caught.
 #[derive(Debug, Clone, Copy)]
 struct Anchor {
@@ -69,10 +60,10 @@ pub(crate) struct Resultant {
     pub patch_m2: f64,
 }
 
-/// A tool at a pose against the whole surface of a model.
+/// A placed tool against the whole surface of a model.
 pub(crate) struct ToolContact<'t> {
     tool: &'t Tool,
-    pub pose: Pose,
+    pub placement: Placement,
     faces: Vec<Face>,
     rule: [(f64, [f64; 6]); POINTS],
     /// For each face's point; empty while nothing sticks.
@@ -104,7 +95,7 @@ struct Touch<'a> {
 }
 
 impl<'t> ToolContact<'t> {
-    pub fn new(model: &Model, tool: &'t Tool, pose: Pose) -> Self {
+    pub fn new(model: &Model, tool: &'t Tool, placement: Placement) -> Self {
         let boundary = model.boundary();
         let faces = boundary.faces.iter().zip(&boundary.elements).map(|(face, &element)| {
             let p = face.map(|n| model.mesh().positions[n as usize]);
@@ -121,16 +112,15 @@ impl<'t> ToolContact<'t> {
                 radius: p.iter().map(|p| p.distance(middle)).fold(0.0, f64::max),
             }
         });
-        ToolContact { tool, pose, faces: faces.collect(), rule: rule(), anchors: Vec::new() }
+        ToolContact { tool, placement, faces: faces.collect(), rule: rule(), anchors: Vec::new() }
     }
 
     fn distance(&self, at: DVec3) -> f64 {
-        self.tool.distance(self.pose.rotation.transpose() * (at - self.pose.tip)).value
+        self.placement.distance_at(self.tool, at).value
     }
 
     /// Calls `visit` for every point of the surface that is in the tool, or sticks to it.
     fn each_touch(&self, model: &Model, u: &[f64], mut visit: impl FnMut(usize, usize, Touch)) {
-        let back = self.pose.rotation.transpose();
         for (f, face) in self.faces.iter().enumerate() {
             let place = |node: u32| {
                 let n = node as usize;
@@ -145,7 +135,7 @@ impl<'t> ToolContact<'t> {
             }
             for (q, (weight, shape)) in self.rule.iter().enumerate() {
                 let at: DVec3 = shape.iter().zip(&p).map(|(n, p)| *p * *n).sum();
-                let distance = self.tool.distance(back * (at - self.pose.tip));
+                let distance = self.placement.distance_at(self.tool, at);
                 // A point that sticks is held along the tool even where it lifts off: letting go in the midst of a
                 // solve would make the energy jump.
                 if distance.value >= 0.0 && anchors[q].is_none() {
@@ -157,8 +147,8 @@ impl<'t> ToolContact<'t> {
                     weight: weight * face.area,
                     at,
                     distance: distance.value.min(0.0),
-                    normal: self.pose.rotation * distance.gradient,
-                    curvature: self.pose.rotation * distance.hessian * back,
+                    normal: distance.gradient,
+                    curvature: distance.hessian,
                     anchor: anchors[q],
                 };
                 visit(f, q, touch);
@@ -168,15 +158,15 @@ impl<'t> ToolContact<'t> {
 
     pub fn energy(&self, model: &Model, u: &[f64]) -> f64 {
         let mut energy = 0.0;
-        self.each_touch(model, u, |_, _, touch| energy += touch.energy(self.pose.tip));
+        self.each_touch(model, u, |_, _, touch| energy += touch.energy(self.placement.tip));
         energy
     }
 
     pub fn assemble(&self, model: &Model, u: &[f64], gradient: &mut [f64], stiffness: &mut Stiffness) -> f64 {
         let mut energy = 0.0;
         self.each_touch(model, u, |_, _, touch| {
-            energy += touch.energy(self.pose.tip);
-            let force = touch.force(self.pose.tip);
+            energy += touch.energy(self.placement.tip);
+            let force = touch.force(self.placement.tip);
             let tangent = touch.tangent();
             for (a, &i) in touch.face.nodes.iter().enumerate() {
                 let n = touch.shape[a];
@@ -208,9 +198,9 @@ impl<'t> ToolContact<'t> {
     pub fn resultant(&self, model: &Model, u: &[f64]) -> Resultant {
         let mut sum = Resultant::default();
         self.each_touch(model, u, |_, _, touch| {
-            let force = touch.force(self.pose.tip);
+            let force = touch.force(self.placement.tip);
             sum.force_n += force;
-            sum.torque_n_m += (touch.at - self.pose.tip).cross(force);
+            sum.torque_n_m += (touch.at - self.placement.tip).cross(force);
             sum.patch_m2 += if touch.distance < 0.0 { touch.weight } else { 0.0 };
         });
         sum
@@ -238,10 +228,10 @@ impl<'t> ToolContact<'t> {
         let mut let_go = 0.0;
         self.each_touch(model, u, |f, q, touch| {
             if touch.distance < 0.0 {
-                let fresh = Anchor { place: touch.at - self.pose.tip, normal: touch.normal };
+                let fresh = Anchor { place: touch.at - self.placement.tip, normal: touch.normal };
                 anchors[f][q] = Some(touch.anchor.unwrap_or(fresh));
             } else {
-                let_go += touch.force(self.pose.tip).length();
+                let_go += touch.force(self.placement.tip).length();
             }
         });
         self.anchors = anchors;
@@ -269,7 +259,6 @@ impl Touch<'_> {
     }
 
     fn tangent(&self) -> DMat3 {
-        let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
         let mut tangent = DMat3::ZERO;
         if self.distance < 0.0 {
             tangent += outer(self.normal) + self.curvature * self.distance;

@@ -1,6 +1,6 @@
 //! A deformation that is prescribed node by node: a body wrapped, sheared, or driven by a known solution.
 
-use crate::equilibrium::{Failure, Solver};
+use crate::equilibrium::Failure;
 use crate::load::Load;
 use crate::model::{Fixed, Model};
 use crate::path::Stop;
@@ -31,22 +31,18 @@ impl Model {
         steps: u32,
         cancelled: &AtomicBool,
     ) -> Option<Result<Deformed, Stop>> {
-        let mut held = self.held.clone();
-        let (mut unknowns, mut moved) = (Vec::new(), vec![0.0; held.len()]);
+        let (mut solver, unknowns) = self.holding(nodes.iter().map(|(fixed, _)| *fixed));
+        let mut moved = vec![0.0; solver.held.len()];
         for (fixed, displacement) in nodes {
             for axis in (0..3).filter(|&axis| fixed.axes[axis]) {
-                let unknown = 3 * self.rank[fixed.node as usize] as usize + axis;
+                let unknown = self.unknown(fixed.node, axis);
                 // What a support holds stays held.
                 if !self.held[unknown] {
-                    held[unknown] = true;
-                    unknowns.push(unknown);
                     moved[unknown] = displacement[axis] / f64::from(steps.max(1));
                 }
             }
         }
         let load = Load::Held(unknowns);
-        let mut solver = Solver::new(self, held);
-        solver.factor_at_rest();
         for step in 1..=steps.max(1) {
             solver.carry(&load, &moved);
             match solver.equilibrate(&load, cancelled) {

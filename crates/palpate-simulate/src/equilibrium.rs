@@ -8,7 +8,7 @@
 
 use crate::factor::Factor;
 use crate::load::Load;
-use crate::model::Model;
+use crate::model::{Fixed, Model};
 use crate::stiffness::Stiffness;
 use glam::DVec3;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -104,6 +104,32 @@ pub struct Counts {
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+impl Model {
+    /// Of one of the mesh's nodes, along an axis.
+    pub(crate) fn unknown(&self, node: u32, axis: usize) -> usize {
+        3 * self.rank[node as usize] as usize + axis
+    }
+
+    /// A solver that holds further nodes, with the factor at rest that goes with them; and their unknowns, but for
+    /// those that a support holds already.
+    pub(crate) fn holding(&self, nodes: impl Iterator<Item = Fixed>) -> (Solver<'_>, Vec<usize>) {
+        let mut held = self.held.clone();
+        let mut unknowns = Vec::new();
+        for fixed in nodes {
+            for axis in (0..3).filter(|&axis| fixed.axes[axis]) {
+                let unknown = self.unknown(fixed.node, axis);
+                if !held[unknown] {
+                    held[unknown] = true;
+                    unknowns.push(unknown);
+                }
+            }
+        }
+        let mut solver = Solver::new(self, held);
+        solver.factor_at_rest();
+        (solver, unknowns)
+    }
 }
 
 impl<'m> Solver<'m> {

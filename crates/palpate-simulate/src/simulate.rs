@@ -1,13 +1,13 @@
 //! Load paths: the tool is pressed in, and dragged, step by step.
 
-use crate::contact::{Pose, ToolContact};
+use crate::contact::ToolContact;
 use crate::equilibrium::{Counts, Failure, Solver};
 use crate::load::Load;
 use crate::mesh::Boundary;
 use crate::model::{Fixed, Model};
-use crate::path::{Contact, Path, PointPaths, PointPlan, State, Stop, tangents};
-use crate::tool::Tool;
-use glam::{DMat3, DVec3};
+use crate::path::{Contact, Path, PointPaths, PointPlan, State, Stop};
+use crate::tool::{Placement, Tool};
+use glam::DVec3;
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::sync::atomic::AtomicBool;
 
@@ -48,7 +48,7 @@ impl Model {
         cancelled: &AtomicBool,
     ) -> Option<(PointPaths, Counts)> {
         let surface = self.entry(plan);
-        let start = Pose { tip: surface, rotation: frame(plan.inward) };
+        let start = Placement::pressing(surface, plan.inward);
         let walker = match contact {
             Contact::Frictionless => {
                 let solver = Solver::new(self, self.held.clone());
@@ -88,20 +88,7 @@ impl Model {
     }
 
     fn bonded(&self, nodes: impl Iterator<Item = Fixed>, tip: DVec3) -> Walker<'_, '_> {
-        let mut held = self.held.clone();
-        let mut unknowns = Vec::new();
-        for fixed in nodes {
-            for axis in (0..3).filter(|&axis| fixed.axes[axis]) {
-                let unknown = 3 * self.rank[fixed.node as usize] as usize + axis;
-                // What a support holds stays held.
-                if !held[unknown] {
-                    held[unknown] = true;
-                    unknowns.push(unknown);
-                }
-            }
-        }
-        let mut solver = Solver::new(self, held);
-        solver.factor_at_rest();
+        let (solver, unknowns) = self.holding(nodes);
         Walker::new(solver, Load::Held(unknowns), tip)
     }
 
@@ -187,12 +174,6 @@ fn node_normals(boundary: &Boundary, positions: &[DVec3]) -> HashMap<u32, DVec3>
     }
     normals.values_mut().for_each(|n| *n = n.normalize_or_zero());
     normals
-}
-
-/// A rotation that takes z to `inward`.
-fn frame(inward: DVec3) -> DMat3 {
-    let (x, y) = tangents(inward);
-    DMat3::from_cols(x, y, inward)
 }
 
 /// Where the load goes next.
@@ -290,7 +271,7 @@ impl<'m, 't> Walker<'m, 't> {
 
     fn place(&mut self, offset: DVec3) {
         if let Load::Tool(contact) = &mut self.load {
-            contact.pose.tip = self.start + offset;
+            contact.placement.tip = self.start + offset;
         }
     }
 

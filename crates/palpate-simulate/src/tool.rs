@@ -3,8 +3,9 @@
 //! In the tool's own frame the tip is at the origin and +z points the way it presses, out of the tool, whose body lies
 //! at z ≤ 0. A [`Placement`] puts it where the body is.
 
+use crate::path::tangents;
 use crate::{Result, SimulateError};
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DVec3};
 use std::{fmt::Debug, sync::Arc};
 
 /// A flat punch's edge is rounded by this part of its radius, if nothing else is asked for: little enough that the
@@ -181,7 +182,7 @@ fn radius(point: DVec3) -> f64 {
 }
 
 /// n nᵀ
-fn outer(n: DVec3) -> DMat3 {
+pub(crate) fn outer(n: DVec3) -> DMat3 {
     DMat3::from_cols(n.x * n, n.y * n, n.z * n)
 }
 
@@ -224,19 +225,19 @@ pub struct Placement {
     /// The tool's tip, m.
     pub tip: DVec3,
     /// Turns vectors of the tool's frame into the body's.
-    pub rotation: DQuat,
+    pub rotation: DMat3,
 }
 
 impl Placement {
-    /// With the tip there, pressing that way (unit vector). How a tool that is not round is turned about that direction
-    /// is left open; set [`Placement::rotation`] where it matters.
+    /// With the tip there, pressing that way (unit vector). The tool's x and y point along [`tangents`].
     pub fn pressing(tip: DVec3, inward: DVec3) -> Self {
-        Placement { tip, rotation: DQuat::from_rotation_arc(DVec3::Z, inward) }
+        let (x, y) = tangents(inward);
+        Placement { tip, rotation: DMat3::from_cols(x, y, inward) }
     }
 
     /// Distance of a point of the body's frame from the tool, gradient and Hessian in that frame too.
     pub fn distance_at(&self, tool: &Tool, point: DVec3) -> Distance {
-        let turn = DMat3::from_quat(self.rotation);
+        let turn = self.rotation;
         let back = turn.transpose();
         let Distance { value, gradient, hessian } = tool.distance(back * (point - self.tip));
         Distance { value, gradient: turn * gradient, hessian: turn * hessian * back }

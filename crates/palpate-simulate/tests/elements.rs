@@ -7,7 +7,7 @@ use glam::{DMat3, DVec3};
 use palpate_simulate::material::{Bulk, Density, Material, Tensor};
 use palpate_simulate::{Deformed, Fixed, Model, TetMesh};
 use std::sync::atomic::AtomicBool;
-use support::{cube, hold};
+use support::{cube, hold, named};
 
 /// One of each law, of some kPa, nearly incompressible.
 fn laws() -> Vec<Material> {
@@ -103,22 +103,6 @@ fn patch_test() {
             assert!(far < 1e-4, "{material:?}: the inside is off by {far}");
         }
     }
-}
-
-/// The law that a table's `model` column means.
-fn named(model: &str) -> Material {
-    let (mu, bulk) = (1e4 / 2.9, Bulk::ModulusPa(1e5 / 3.0));
-    match model {
-        "neo_hooke" => Material::isochoric_neo_hookean(1e4, 0.45),
-        "neo_hooke_log" => Material::neo_hookean(1e4, 0.45),
-        "mooney_rivlin" => Material::mooney_rivlin(1000.0, mu / 2.0 - 1000.0, bulk),
-        "ogden1" => Material::ogden(vec![[mu, 6.0]], bulk),
-        "yeoh" => Material::yeoh(vec![mu / 2.0, 500.0, 100.0], bulk),
-        "demiray_fung" => Material::fung_demiray(mu, 2.0, bulk),
-        "veronda_westmann" => Material::veronda_westmann(mu / 2.0, 2.0, bulk),
-        other => panic!("the table has a model {other} that this test does not know"),
-    }
-    .unwrap()
 }
 
 /// Closed forms of uniaxial tension, and simple shear, by a cube of six elements: its sides free, or put where they go.

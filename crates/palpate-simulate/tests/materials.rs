@@ -1,8 +1,11 @@
 //! Each law against automatic differentiation of its energy, written a second time below, against differences, and
 //! against closed forms.
 
+mod support;
+
 use num_dual::{DualNum, HyperDual64};
 use palpate_simulate::material::{Bulk, Density, Material, Tensor, VolumeMeasure};
+use support::named;
 
 /// A number that carries its first and second derivative.
 type D = HyperDual64;
@@ -370,22 +373,6 @@ fn what_cannot_be_is_not_finite() {
             material.measure().evaluate(&f);
         }
     }
-}
-
-/// The law that a table's `model` column means.
-fn named(model: &str) -> Material {
-    let (mu, bulk) = (1e4 / 2.9, Bulk::ModulusPa(1e5 / 3.0));
-    match model {
-        "neo_hooke" => Material::isochoric_neo_hookean(1e4, 0.45),
-        "neo_hooke_log" => Material::neo_hookean(1e4, 0.45),
-        "mooney_rivlin" => Material::mooney_rivlin(1000.0, mu / 2.0 - 1000.0, bulk),
-        "ogden1" => Material::ogden(vec![[mu, 6.0]], bulk),
-        "yeoh" => Material::yeoh(vec![mu / 2.0, 500.0, 100.0], bulk),
-        "demiray_fung" => Material::fung_demiray(mu, 2.0, bulk),
-        "veronda_westmann" => Material::veronda_westmann(mu / 2.0, 2.0, bulk),
-        other => panic!("the table has a model {other} that this test does not know"),
-    }
-    .unwrap()
 }
 
 /// Rows of a table by its column names; empty fields are None.

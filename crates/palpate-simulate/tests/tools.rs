@@ -192,10 +192,10 @@ fn a_placed_tool_is_the_tool_moved() {
     for tool in tools() {
         for (n, p) in points(40).into_iter().enumerate() {
             let rotation = DQuat::from_euler(glam::EulerRot::XYZ, 0.3 * n as f64, 1.1, -0.2 * n as f64);
-            let placement = Placement { tip: dvec3(0.1, -0.2, 0.05), rotation };
+            let turn = DMat3::from_quat(rotation);
+            let placement = Placement { tip: dvec3(0.1, -0.2, 0.05), rotation: turn };
             let own = tool.distance(p);
             let found = placement.distance_at(&tool, placement.tip + rotation * p);
-            let turn = DMat3::from_quat(rotation);
             assert!((found.value - own.value).abs() < 1e-15);
             assert!((found.gradient - rotation * own.gradient).length() < 1e-9, "{tool:?} at {p}");
             let expected = turn * own.hessian * turn.transpose();

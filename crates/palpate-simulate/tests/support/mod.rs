@@ -3,6 +3,7 @@
 #![allow(dead_code, reason = "each test takes what it needs")]
 
 use glam::DVec3;
+use palpate_simulate::material::Bulk;
 use palpate_simulate::{Fixed, Material, Model, Path, TetMesh};
 use std::sync::atomic::AtomicBool;
 
@@ -110,4 +111,20 @@ pub fn cube(n: usize) -> TetMesh {
         }
     }
     TetMesh::from_corners(positions, &tetrahedra)
+}
+
+/// The law that a table's `model` column means.
+pub fn named(model: &str) -> Material {
+    let (mu, bulk) = (1e4 / 2.9, Bulk::ModulusPa(1e5 / 3.0));
+    match model {
+        "neo_hooke" => Material::isochoric_neo_hookean(1e4, 0.45),
+        "neo_hooke_log" => Material::neo_hookean(1e4, 0.45),
+        "mooney_rivlin" => Material::mooney_rivlin(1000.0, mu / 2.0 - 1000.0, bulk),
+        "ogden1" => Material::ogden(vec![[mu, 6.0]], bulk),
+        "yeoh" => Material::yeoh(vec![mu / 2.0, 500.0, 100.0], bulk),
+        "demiray_fung" => Material::fung_demiray(mu, 2.0, bulk),
+        "veronda_westmann" => Material::veronda_westmann(mu / 2.0, 2.0, bulk),
+        other => panic!("the table has a model {other} that this test does not know"),
+    }
+    .unwrap()
 }
