@@ -197,9 +197,57 @@ impl Responses {
         rows(&self.lateral, &self.lateral_rows, points, deflection)
     }
 
+    /// Where the energies of test points at a depth and a lateral deflection are found.
+    ///
+    /// # Real-time
+    /// O(1), no allocation, never panics.
+    #[inline]
+    pub fn strain(&self, depth: f64, deflection: f64) -> Strain<'_> {
+        let at = |knots: &Knots, x: f64| {
+            let interval = knots.locate(x);
+            let t = (x - knots.knots.get(interval).copied().unwrap_or(0.0)).max(0.0);
+            let t2 = t * t;
+            (interval, [t, t2 * 0.5, t2 * t * (1.0 / 3.0), t2 * t2 * 0.25])
+        };
+        let (depth_interval, depth_powers) = at(&self.depth, depth);
+        let (lateral_interval, lateral_powers) = at(&self.lateral, deflection);
+        Strain { responses: self, depth_interval, lateral_interval, depth_powers, lateral_powers }
+    }
+
     /// Bytes that a step may read.
     pub(crate) fn memory(&self) -> [&[u8]; 2] {
         [bytemuck::cast_slice(&self.depth_rows), bytemuck::cast_slice(&self.lateral_rows)]
+    }
+}
+
+/// A depth and a lateral deflection, as [`Responses::strain`] looked them up.
+#[derive(Debug, Clone, Copy)]
+pub struct Strain<'a> {
+    responses: &'a Responses,
+    depth_interval: usize,
+    lateral_interval: usize,
+    /// t, t²/2, t³/3, t⁴/4 of the distances from the intervals' knots.
+    depth_powers: [f64; 4],
+    lateral_powers: [f64; 4],
+}
+
+impl Strain<'_> {
+    /// W_t = F^z(δz) + F^r(ρ) of a test point, J.
+    ///
+    /// # Real-time
+    /// O(1), never panics: a test point that does not exist answers nothing.
+    #[inline]
+    pub fn energy(&self, test_point: u32) -> f64 {
+        let Responses { depth, lateral, depth_rows, lateral_rows } = self.responses;
+        let point = test_point as usize;
+        let z = depth_rows.get(point * depth.knots.len() + self.depth_interval).unwrap_or(&[0.0; 9]);
+        let r = lateral_rows.get(point * lateral.knots.len() + self.lateral_interval).unwrap_or(&[0.0; 5]);
+        let (p, q) = (&self.depth_powers, &self.lateral_powers);
+        // Both side by side, in pairs.
+        let [a, b]: [f64; 2] = std::array::from_fn(|i| {
+            z[i + 1] * p[i] + r[i + 1] * q[i] + (z[i + 3] * p[i + 2] + r[i + 3] * q[i + 2])
+        });
+        z[0] + r[0] + (a + b)
     }
 }
 

@@ -27,6 +27,7 @@
 //! ```
 
 mod contact;
+mod drive;
 mod field;
 mod lateral;
 mod output;

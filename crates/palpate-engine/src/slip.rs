@@ -1,11 +1,13 @@
 //! Slip: at a fixed tip, the contact point moves until the drive is within the friction limit (paper, section 3.2;
-//! MODEL 4, rule `paper`).
+//! MODEL 4). One search for all rules, compiled for each of them.
 
+use crate::drive::{Drive, Rule};
 use crate::field::{Field, Site};
 use crate::lateral::Lateral;
 use crate::walk::{Launch, Stop, launch, walk};
 use glam::DVec3;
 use palpate_body::SurfacePoint;
+use std::marker::PhantomData;
 
 /// Bound on evaluations of the force law in a slip search.
 pub(crate) const MAX_EVALUATIONS: u32 = 64;
@@ -57,35 +59,40 @@ impl Pace {
 }
 
 /// The slip search: where the contact point is, what the law reads there, and what is left of the bounds.
-struct Search<'s, 'a, L: Lateral> {
+struct Search<'s, 'a, L: Lateral, R> {
+    rule: PhantomData<R>,
     site: &'s mut Site<'a, L>,
     tip: DVec3,
     at: &'s mut SurfacePoint,
     field: &'s mut Field,
+    /// As the rule reads it there.
+    drive: Drive,
     pace: &'s mut Pace,
     evaluations: u32,
     crossings: u32,
 }
 
-/// Lets the contact point run from `at`, where the law reads `field`. `site` is at's element.
+/// Lets the contact point run from `at`, where the law reads `field` and the rule `drive`. `site` is at's element.
 #[inline]
-pub(crate) fn slip<L: Lateral>(
+pub(crate) fn slip<L: Lateral, R: Rule>(
     site: &mut Site<L>,
     at: &mut SurfacePoint,
     field: &mut Field,
+    drive: Drive,
     tip: DVec3,
     pace: &mut Pace,
 ) -> Slipped {
     let (evaluations, crossings) = (MAX_EVALUATIONS, MAX_CROSSINGS);
-    let mut search = Search { site, tip, at, field, pace, evaluations, crossings };
+    let rule = PhantomData::<R>;
+    let mut search = Search { rule, site, tip, at, field, drive, pace, evaluations, crossings };
     let end = search.run();
     Slipped { end, evaluations: evaluations - search.evaluations, crossings: crossings - search.crossings }
 }
 
-impl<L: Lateral> Search<'_, '_, L> {
+impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
     fn run(&mut self) -> End {
         let mut stalled = 0;
-        while !within(self.field.pull, self.field) {
+        while !within(&self.drive, self.field) {
             if self.evaluations == 0 || self.crossings == 0 {
                 return End::Capped;
             }
@@ -117,21 +124,27 @@ impl<L: Lateral> Search<'_, '_, L> {
     /// The drive's direction from here, if there is a way: the contact point may stand on an edge or a vertex.
     #[inline]
     fn launch(&mut self) -> Result<DVec3, End> {
-        let u_t = self.field.u_t;
+        let drive = self.drive;
         if self.at.n[0] != 0.0 && self.at.n[1] != 0.0 && self.at.n[2] != 0.0 {
-            return Ok(self.site.stretch.aim(self.field));
+            return Ok(self.aim());
         }
         let (body, law, tip) = (self.site.body, self.site.law, self.tip);
-        let way = if law.is_continuous() && !body.has_creases() {
-            launch(body, *self.at, |_| u_t)
+        let way = if R::CONTINUOUS && law.is_continuous() && !body.has_creases() {
+            launch(body, *self.at, |_| drive.along)
         } else {
-            launch(body, *self.at, |there| law.evaluate::<L>(body, there, tip).u_t)
+            launch(body, *self.at, |there| {
+                let mut site = Site::<L>::new(body, law, there.element);
+                let field = site.evaluate(there.n, tip);
+                R::drive(&mut site, there.n, &field).along
+            })
         };
         let (there, v) = match way {
             Launch::Held => return Err(End::Blocked),
             Launch::Border => return Err(End::Border),
             // On an edge only the component along it drives.
-            Launch::Edge(_, along) if within(self.field.pull * u_t.dot(along), self.field) => {
+            Launch::Edge(_, along)
+                if within(&Drive { force: drive.force * drive.along.dot(along), ..drive }, self.field) =>
+            {
                 return Err(End::Blocked);
             }
             Launch::Edge(there, along) => (there, Some(along)),
@@ -141,7 +154,17 @@ impl<L: Lateral> Search<'_, '_, L> {
             *self.at = there;
             self.evaluate_again();
         }
-        Ok(v.unwrap_or(self.field.u_t))
+        Ok(v.unwrap_or(self.drive.along))
+    }
+
+    /// Which way the drive leads.
+    #[inline(always)]
+    fn aim(&self) -> DVec3 {
+        if R::LATERAL {
+            self.site.stretch.aim(self.field)
+        } else {
+            self.site.lead(self.at.n, self.field, &self.drive)
+        }
     }
 
     /// Newton's method on f_r − L, each time along the drive of the moment; the first time with the reciprocal slope
@@ -152,10 +175,10 @@ impl<L: Lateral> Search<'_, '_, L> {
     #[inline]
     fn newton(&mut self, v: DVec3, ease: f64) -> bool {
         // Slopes between a tenth and ten times f_r' are believed; and c never has to run much farther than δr.
-        let (stiffness, farthest) = (self.field.pull_slope, 1.5 * self.field.lateral);
+        let (stiffness, farthest) = (self.field.pull_slope, 1.5 * self.drive.reach);
         let believable = |ease: f64| ease * stiffness < 10.0 && ease * stiffness > 0.1;
         let (mut v, mut ease, mut travelled) = (v, ease, 0.0);
-        let first = self.field.pull * self.field.u_t.dot(v) - self.field.limit;
+        let first = self.drive.force * self.drive.along.dot(v) - self.field.limit;
         let mut excess = first;
         while self.evaluations > 0 && believable(ease) && excess * ease <= farthest {
             let way = excess * ease;
@@ -172,10 +195,10 @@ impl<L: Lateral> Search<'_, '_, L> {
             self.evaluate();
             travelled += way;
             // Seen along the old drive: past the root it has changed sides where L is nearly 0.
-            let seen = self.field.pull * self.field.u_t.dot(v) - self.field.limit;
-            let now = self.field.pull - self.field.limit;
+            let seen = self.drive.force * self.drive.along.dot(v) - self.field.limit;
+            let now = self.drive.force - self.field.limit;
             // Past the tip, |f_r| = L has a second root: there friction would push.
-            if self.field.u_t.dot(v) < 0.0 && self.field.limit > tolerance(self.field) {
+            if self.drive.along.dot(v) < 0.0 && self.field.limit > tolerance(self.field) {
                 return false;
             }
             if now.abs() <= tolerance(self.field) {
@@ -193,11 +216,11 @@ impl<L: Lateral> Search<'_, '_, L> {
             }
             ease = way / (excess - seen);
             (v, excess) = if L::ISOTROPIC {
-                (self.field.u_t, now)
+                (self.drive.along, now)
             } else {
-                let aim = self.site.stretch.aim(self.field);
+                let aim = self.aim();
                 ease *= self.site.turned(self.at.n, v, aim);
-                (aim, self.field.pull * self.field.u_t.dot(aim) - self.field.limit)
+                (aim, self.drive.force * self.drive.along.dot(aim) - self.field.limit)
             };
         }
         false
@@ -211,8 +234,8 @@ impl<L: Lateral> Search<'_, '_, L> {
     #[cold]
     #[inline(never)]
     fn line(&mut self, v: DVec3) -> f64 {
-        let drive = |f: &Field| f.pull * f.u_t.dot(v) - f.limit;
-        let (mut s, mut g) = (0.0, drive(self.field));
+        let excess = |d: &Drive, f: &Field| d.force * d.along.dot(v) - f.limit;
+        let (mut s, mut g) = (0.0, excess(&self.drive, self.field));
         if g <= 0.0 {
             return 0.0;
         }
@@ -222,7 +245,7 @@ impl<L: Lateral> Search<'_, '_, L> {
         let eta = self.site.drift(self.at.n, self.field, v).eta;
         let slope = if eta > 0.1 * self.field.pull_slope { eta } else { self.field.pull_slope };
         // On a curve that has gone flat the slope leads far away; the root lies within about δr.
-        let mut target = (g / slope).min(self.field.lateral);
+        let mut target = (g / slope).min(self.drive.reach);
         let mut tries = 0;
         while self.evaluations > 0 {
             let way = target - s;
@@ -234,7 +257,7 @@ impl<L: Lateral> Search<'_, '_, L> {
             self.evaluate_again();
             let (s_before, g_before) = (s, g);
             s += walked * way.signum();
-            g = drive(self.field);
+            g = excess(&self.drive, self.field);
             tries += 1;
             if g.abs() <= tolerance(self.field) {
                 return s;
@@ -277,6 +300,7 @@ impl<L: Lateral> Search<'_, '_, L> {
             self.site.move_to(self.at.element);
         }
         *self.field = self.site.evaluate(self.at.n, self.tip);
+        self.drive = R::drive(self.site, self.at.n, self.field);
     }
 
     /// The same off the fast path.
@@ -296,13 +320,13 @@ impl<L: Lateral> Search<'_, '_, L> {
     }
 }
 
-/// Whether a force is within the limit, up to [`tolerance`].
+/// Whether a drive is within the limit, up to [`tolerance`].
 #[inline]
-pub(crate) fn within(force: f64, field: &Field) -> bool {
-    force - field.limit <= tolerance(field) || field.lateral <= NO_DEFLECTION
+pub(crate) fn within(drive: &Drive, field: &Field) -> bool {
+    drive.force - field.limit <= tolerance(field) || drive.reach <= NO_DEFLECTION
 }
 
-/// A lateral deflection below this is rounding, m.
+/// A way below this is rounding, m.
 const NO_DEFLECTION: f64 = 1e-12;
 
 /// 10⁻⁶ of the limit, a micronewton of a newton, and [`NO_DEFLECTION`], N.

@@ -1,0 +1,191 @@
+//! How energy, frames and tensors change along the surface, at the nodes: what the slip rule `consistent` reads
+//! (MODEL 4, E3).
+//!
+//! Within an element a mix Σ n_j X_j has the gradient Σ X_j ∇n_j, another one in each element. Its area-weighted mean over
+//! the elements around node l, ∇̄X_l, mixed like everything else as Σ n_l ∇̄X_l, is continuous over the edges. At a crease
+//! the mean is over the elements that share the node, so that a sharp edge stays one.
+//!
+//! Energies are curves, mixed of test points' curves: ∇̄W_l = Σ_t g_lt W_t. The coefficients g are kept and no further
+//! curves: for a mesh that is finer than its test points they are two vectors a node. They sum to zero, so that one test
+//! point, the reference, needs none: ∇̄W_l = Σ_t g_lt (W_t − W_ref) and nothing is left of rounding on a uniform body.
+
+use crate::body::Node;
+use crate::response::Strain;
+use crate::surface::Element;
+use crate::tensor::Tensor;
+use glam::DVec3;
+
+/// A test point that answers nothing: what a mix lacks to 1 where it fades towards a border.
+const NOTHING: u32 = u32::MAX;
+
+/// One test point's part of a node's energy gradient.
+#[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+struct Term {
+    /// g_lt, 1/m. Single precision: it moves a force by 10⁻⁷ of itself, and halves what a step reads.
+    gradient: [f32; 3],
+    test_point: u32,
+}
+
+/// The nodal gradients of a body.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Gradients {
+    /// Where each node's terms begin, (nodes + 1).
+    starts: Vec<u32>,
+    terms: Vec<Term>,
+    /// ∇̄u_l: (nodes × 3 coordinates of u), each a gradient, 1/m.
+    turns: Vec<[[f32; 3]; 3]>,
+    /// ∇̄A_l: (nodes × 3 directions), 1/m; none where the lateral response is alike in all directions.
+    tensors: Vec<[[f32; 6]; 3]>,
+}
+
+impl Gradients {
+    /// Of the nodes of a checked body; `tensors` are none or one for each node.
+    pub(crate) fn new(nodes: &[Node], elements: &[Element], tensors: &[Tensor]) -> Self {
+        let around = Around::new(nodes.len(), elements);
+        let mut gradients = Gradients {
+            starts: Vec::with_capacity(nodes.len() + 1),
+            terms: Vec::new(),
+            turns: Vec::with_capacity(nodes.len()),
+            tensors: Vec::with_capacity(tensors.len()),
+        };
+        let mut sum: Vec<(u32, DVec3)> = Vec::new();
+        for (l, node) in nodes.iter().enumerate() {
+            gradients.starts.push(gradients.terms.len() as u32);
+            sum.clear();
+            let (mut area, mut turn, mut change) = (0.0, [DVec3::ZERO; 3], [DVec3::ZERO; 6]);
+            for &m in around.of(l) {
+                let corners = elements[m as usize].nodes.map(|n| n as usize);
+                let [a, b, c] = corners.map(|n| nodes[n].position);
+                let normal = (b - a).cross(c - a);
+                area += normal.length();
+                let normal = normal.normalize_or_zero();
+                // 2A ∇n of each corner: its opposite edge, turned inwards.
+                for (j, edge) in corners.into_iter().zip([c - b, a - c, b - a]) {
+                    let slope = normal.cross(edge);
+                    let mix = &nodes[j];
+                    let rest = 1.0 - mix.weights.iter().sum::<f64>();
+                    let parts = mix.test_points.into_iter().zip(mix.weights);
+                    for (t, w) in parts.chain([(NOTHING, if rest > 1e-9 { rest } else { 0.0 })]) {
+                        if w == 0.0 || t == node.test_points[0] {
+                            continue;
+                        }
+                        match sum.iter_mut().find(|(known, _)| *known == t) {
+                            Some((_, g)) => *g += slope * w,
+                            None => sum.push((t, slope * w)),
+                        }
+                    }
+                    let du = (mix.inward - node.inward).to_array();
+                    turn.iter_mut().zip(du).for_each(|(g, du)| *g += slope * du);
+                    if let (Some(there), Some(here)) = (tensors.get(j), tensors.get(l)) {
+                        let pairs = there.iter().zip(here);
+                        change
+                            .iter_mut()
+                            .zip(pairs)
+                            .for_each(|(g, (there, here))| *g += slope * (there - here));
+                    }
+                }
+            }
+            // A node that no element uses has no gradient.
+            let per = if area > 0.0 { 1.0 / area } else { 0.0 };
+            let single = |g: &DVec3| (*g * per).as_vec3().to_array();
+            let terms = sum.iter().map(|(t, g)| Term { gradient: single(g), test_point: *t });
+            gradients.terms.extend(terms.filter(|t| t.gradient != [0.0; 3]));
+            gradients.turns.push([0, 1, 2].map(|i| single(&turn[i])));
+            if !tensors.is_empty() {
+                let change = change.map(|g| single(&g));
+                gradients.tensors.push([0, 1, 2].map(|axis| change.map(|g| g[axis])));
+            }
+        }
+        gradients.starts.push(gradients.terms.len() as u32);
+        gradients
+    }
+
+    /// ∇̄W of a node whose first test point is `reference`, N.
+    ///
+    /// # Real-time
+    /// A term for each test point around, no allocation, never panics: zero for a node that does not exist.
+    #[inline]
+    pub fn energy(&self, node: u32, reference: u32, strain: &Strain) -> DVec3 {
+        let (start, end) = match (self.starts.get(node as usize), self.starts.get(node as usize + 1)) {
+            (Some(&start), Some(&end)) => (start as usize, end as usize),
+            _ => return DVec3::ZERO,
+        };
+        let mut sum = DVec3::ZERO;
+        let base = strain.energy(reference);
+        for term in self.terms.get(start..end).unwrap_or(&[]) {
+            sum += double(&term.gradient) * (strain.energy(term.test_point) - base);
+        }
+        sum
+    }
+
+    /// ∇̄(u·b) of a node, 1/m times b: how its frame turns towards `b` along the surface.
+    ///
+    /// # Real-time
+    /// O(1), never panics.
+    #[inline]
+    pub fn turn(&self, node: u32, b: DVec3) -> DVec3 {
+        let [x, y, z] = self.turns.get(node as usize).unwrap_or(&[[0.0; 3]; 3]);
+        double(x) * b.x + double(y) * b.y + double(z) * b.z
+    }
+
+    /// ∇̄(d·A d) of a node: how its tensor changes along the surface, seen by `d`.
+    ///
+    /// # Real-time
+    /// O(1), never panics.
+    #[inline]
+    pub fn tensor(&self, node: u32, d: DVec3) -> DVec3 {
+        let Some(changes) = self.tensors.get(node as usize) else { return DVec3::ZERO };
+        let square = |[xx, yy, zz, xy, xz, yz]: [f32; 6]| {
+            f64::from(xx) * d.x * d.x
+                + f64::from(yy) * d.y * d.y
+                + f64::from(zz) * d.z * d.z
+                + 2.0 * (f64::from(xy) * d.x * d.y + f64::from(xz) * d.x * d.z + f64::from(yz) * d.y * d.z)
+        };
+        DVec3::from_array(changes.map(square))
+    }
+
+    /// Bytes that a step may read.
+    pub(crate) fn memory(&self) -> [&[u8]; 4] {
+        [
+            bytemuck::cast_slice(&self.starts),
+            bytemuck::cast_slice(&self.terms),
+            bytemuck::cast_slice(&self.turns),
+            bytemuck::cast_slice(&self.tensors),
+        ]
+    }
+}
+
+#[inline]
+fn double([x, y, z]: &[f32; 3]) -> DVec3 {
+    DVec3::new(f64::from(*x), f64::from(*y), f64::from(*z))
+}
+
+/// The elements that use each node.
+struct Around {
+    starts: Vec<u32>,
+    elements: Vec<u32>,
+}
+
+impl Around {
+    fn new(nodes: usize, elements: &[Element]) -> Self {
+        let mut starts = vec![0u32; nodes + 1];
+        elements.iter().flat_map(|e| e.nodes).for_each(|n| starts[n as usize + 1] += 1);
+        for n in 0..nodes {
+            starts[n + 1] += starts[n];
+        }
+        let mut next = starts.clone();
+        let mut list = vec![0u32; elements.len() * 3];
+        for (m, element) in elements.iter().enumerate() {
+            for n in element.nodes {
+                list[next[n as usize] as usize] = m as u32;
+                next[n as usize] += 1;
+            }
+        }
+        Around { starts, elements: list }
+    }
+
+    fn of(&self, node: usize) -> &[u32] {
+        &self.elements[self.starts[node] as usize..self.starts[node + 1] as usize]
+    }
+}
