@@ -51,10 +51,10 @@ impl NodeMix {
 #[non_exhaustive]
 pub enum SlipRule {
     /// The seed paper's section 3.2: slip while f_r exceeds the friction limit, along the projection of u_r.
-    #[default]
     Paper,
-    /// The paper's rule with the energy's gradient along the surface (E3): as continuous as the paper's, and generates
+    /// The default: the paper's rule with the energy's gradient along the surface (E3): as continuous as the paper's, and generates
     /// energy only of the second order in the size of the elements.
+    #[default]
     Consistent,
     /// Down the energy's own slope (E2): generates none, and clicks where facets meet.
     Exact,

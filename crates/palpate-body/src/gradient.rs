@@ -59,10 +59,15 @@ impl Gradients {
                 let [a, b, c] = corners.map(|n| nodes[n].position);
                 let normal = (b - a).cross(c - a);
                 area += normal.length();
+                // Turned into the tangent plane of the node without losing length, as the least turn takes the element's
+                // inward normal N to u: v − (u·v)(N + u)/(1 + N·u).
                 let normal = normal.normalize_or_zero();
+                let (u, between) = (node.inward, node.inward - normal);
+                let per = 2.0 / between.length_squared().max(0.1);
                 // 2A ∇n of each corner: its opposite edge, turned inwards.
                 for (j, edge) in corners.into_iter().zip([c - b, a - c, b - a]) {
                     let slope = normal.cross(edge);
+                    let slope = slope - between * (u.dot(slope) * per);
                     let mix = &nodes[j];
                     let rest = 1.0 - mix.weights.iter().sum::<f64>();
                     let parts = mix.test_points.into_iter().zip(mix.weights);
@@ -75,8 +80,10 @@ impl Gradients {
                             None => sum.push((t, slope * w)),
                         }
                     }
-                    let du = (mix.inward - node.inward).to_array();
-                    turn.iter_mut().zip(du).for_each(|(g, du)| *g += slope * du);
+                    // Frames turn within the plane of the element: turned into the node's like the gradient.
+                    let du = mix.inward - u;
+                    let du = du - between * (u.dot(du) * per);
+                    turn.iter_mut().zip(du.to_array()).for_each(|(g, du)| *g += slope * du);
                     if let (Some(there), Some(here)) = (tensors.get(j), tensors.get(l)) {
                         let pairs = there.iter().zip(here);
                         change

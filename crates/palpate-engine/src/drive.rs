@@ -90,12 +90,13 @@ impl Rule for Exact {
 pub(crate) fn consistent<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> DVec3 {
     let Some(gradients) = site.body.derived_gradients() else { return f.u_t * f.pull };
     let nodes = site.body.element_node_numbers(site.element);
+    let u = f.u();
     let mut sum = DVec3::ZERO;
     if site.law.interpolates_responses() {
         let strain = site.body.responses().strain(f.depth, site.stretch.rho(f));
-        let references = site.nodes.map(|node| node.test_points[0]);
-        for ((n, node), reference) in n.into_iter().zip(nodes).zip(references) {
-            sum += gradients.energy(node, reference, &strain) * n;
+        for ((n, number), node) in n.into_iter().zip(nodes).zip(site.nodes) {
+            let gradient = gradients.energy(number, node.test_points[0], &strain);
+            sum += (gradient - node.inward * (0.5 * u.dot(gradient))) * n;
         }
         if !L::ISOTROPIC {
             let (deflection, half) = (site.stretch.deflection(f), 0.5 * site.stretch.gain(f));
@@ -110,7 +111,6 @@ pub(crate) fn consistent<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field)
             sum += gradients.turn(node, b) * (n * (1.0 / f.frame_length));
         }
     }
-    let u = f.u();
     f.u_t * f.pull - (sum - u * u.dot(sum))
 }
 
