@@ -282,7 +282,9 @@ impl Body {
     /// The nodal gradients along the surface, derived when they are first asked for: as the body is made where its slip
     /// rule needs them. It takes memory, and about a second for 5 million triangles.
     pub fn gradients(&self) -> &Gradients {
-        self.gradients.0.get_or_init(|| Gradients::new(&self.nodes, &self.elements, &self.lateral_tensors))
+        self.gradients.0.get_or_init(|| {
+            Gradients::new(&self.nodes, &self.elements, &self.lateral_tensors, &self.responses)
+        })
     }
 
     /// The same if they were derived.

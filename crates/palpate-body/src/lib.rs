@@ -48,7 +48,7 @@ pub use body::{Body, BodyParts, Node, NodeMix, PointErrors, Provenance, SlipRule
 pub use curve::{Curve, Extension, Interpolation};
 pub use error::{BodyError, Result};
 pub use gradient::Gradients;
-pub use response::{Response, Responses, Rows, Sample, Strain};
+pub use response::{Known, Response, Responses, Rows, Sample, Strain};
 pub use search::{MeshSearch, Nearest, SurfacePoint, Touch};
 pub use surface::{Element, NO_TWIN, Surface, TriangleMesh};
 pub use tensor::Tensor;

@@ -136,7 +136,7 @@ impl Contact {
     /// Not part of the step: a measuring instrument.
     pub fn lipschitz_n_per_m(&self, body: &Body) -> Option<f64> {
         match self.state {
-            State::Touching { at, tip } => sensitivity::lipschitz(body, self.law, at, tip),
+            State::Touching { at, tip } => sensitivity::lipschitz(body, self.law, self.rule, at, tip),
             _ => None,
         }
     }
@@ -218,7 +218,7 @@ impl Contact {
     }
 
     /// Stage 2: the tool moves with the contact point held.
-    #[inline]
+    #[inline(always)]
     fn stick<L: Lateral>(&mut self, site: &mut Site<L>, at: SurfacePoint, tip: DVec3) -> Field {
         let field = site.evaluate(at.n, tip);
         self.energy.stick(field.energy);

@@ -13,6 +13,7 @@
 use crate::field::{Field, Site};
 use crate::lateral::Lateral;
 use glam::DVec3;
+use palpate_body::Known;
 
 /// A drive, to be brought within the friction limit.
 #[derive(Debug, Clone, Copy)]
@@ -94,15 +95,15 @@ pub(crate) fn consistent<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field)
     let mut sum = DVec3::ZERO;
     if site.law.interpolates_responses() {
         let strain = site.body.responses().strain(f.depth, site.stretch.rho(f));
+        let known = site.shared().map_or(Known::NONE, |points| strain.known(points));
+        let (deflection, half) = (site.stretch.deflection(f), 0.5 * site.stretch.gain(f));
         for ((n, number), node) in n.into_iter().zip(nodes).zip(site.nodes) {
-            let gradient = gradients.energy(number, node.test_points[0], &strain);
-            sum += (gradient - node.inward * (0.5 * u.dot(gradient))) * n;
-        }
-        if !L::ISOTROPIC {
-            let (deflection, half) = (site.stretch.deflection(f), 0.5 * site.stretch.gain(f));
-            for (n, node) in n.into_iter().zip(nodes) {
-                sum += gradients.tensor(node, deflection) * (n * half);
+            let mut gradient = gradients.energy(number, node.test_points[0], &strain, &known);
+            if !L::ISOTROPIC {
+                gradient += gradients.tensor(number, deflection) * half;
             }
+            // Turned from the node's plane into c's without losing length, up to the fourth order.
+            sum += (gradient - node.inward * (0.5 * u.dot(gradient))) * n;
         }
     }
     if site.law.interpolates_frames() {

@@ -163,6 +163,12 @@ impl<'a, L: Lateral> Site<'a, L> {
         }
     }
 
+    /// The test points that all nodes mix, if they are the same.
+    #[inline]
+    pub fn shared(&self) -> Option<[u32; 3]> {
+        (self.mix == Mix::Shared).then_some(self.nodes[0].test_points)
+    }
+
     /// Weights of the test points at area coordinates `n`; linear in `n`.
     #[inline]
     fn weights(&self, n: [f64; 3]) -> [f64; 3] {
@@ -275,7 +281,7 @@ impl<'a, L: Lateral> Site<'a, L> {
         if self.law.interpolates_responses() { n } else { [1.0 / 3.0; 3] }
     }
 
-    /// b = (f_z − g û·A δ_t) δ_t − (δ·û) f_t, N·m: while û turns by dû, W falls by −b·dû.
+    /// b = (f_z − g û·A δ_t) δ_t − (δ·û) f_t, N·m: while û turns by dû, W rises by b·dû.
     #[inline]
     pub fn leverage(&self, n: [f64; 3], f: &Field) -> DVec3 {
         let aside = self.stretch.beside(|| L::mix(self.tensors, self.response_coordinates(n)), f);
