@@ -40,6 +40,8 @@ impl Drive {
 pub(crate) trait Rule {
     /// Whether the drive agrees on the two sides of every edge that is no crease, where the law does.
     const CONTINUOUS: bool;
+    /// Whether slip must not raise the energy: a way that does has gone too far.
+    const PASSIVE: bool = false;
     /// Whether it drives along f_t.
     const LATERAL: bool = false;
 
@@ -77,6 +79,7 @@ pub(crate) struct Exact;
 
 impl Rule for Exact {
     const CONTINUOUS: bool = false;
+    const PASSIVE: bool = true;
 
     #[inline(always)]
     fn drive<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> Drive {

@@ -179,6 +179,7 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
         let believable = |ease: f64| ease * stiffness < 10.0 && ease * stiffness > 0.1;
         let (mut v, mut ease, mut travelled) = (v, ease, 0.0);
         let first = self.drive.force * self.drive.along.dot(v) - self.field.limit;
+        let energy = self.field.energy;
         let mut excess = first;
         while self.evaluations > 0 && believable(ease) && excess * ease <= farthest {
             let way = excess * ease;
@@ -197,6 +198,9 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
             // Seen along the old drive: past the root it has changed sides where L is nearly 0.
             let seen = self.drive.force * self.drive.along.dot(v) - self.field.limit;
             let now = self.drive.force - self.field.limit;
+            if R::PASSIVE && raised(self.field, energy) {
+                return false;
+            }
             // Past the tip, |f_r| = L has a second root: there friction would push.
             if self.drive.along.dot(v) < 0.0 && self.field.limit > tolerance(self.field) {
                 return false;
@@ -234,7 +238,12 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
     #[cold]
     #[inline(never)]
     fn line(&mut self, v: DVec3) -> f64 {
-        let excess = |d: &Drive, f: &Field| d.force * d.along.dot(v) - f.limit;
+        let energy = self.field.energy;
+        let excess = |d: &Drive, f: &Field| {
+            let excess = d.force * d.along.dot(v) - f.limit;
+            // Over a hump into another valley of the energy: too far, whatever the drive says there.
+            if R::PASSIVE && raised(f, energy) { -excess.abs() - 2.0 * tolerance(f) } else { excess }
+        };
         let (mut s, mut g) = (0.0, excess(&self.drive, self.field));
         if g <= 0.0 {
             return 0.0;
@@ -318,6 +327,12 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
             self.evaluate();
         }
     }
+}
+
+/// Whether the energy has risen above `energy` by more than rounding.
+#[inline]
+fn raised(field: &Field, energy: f64) -> bool {
+    field.energy > energy * (1.0 + 1e-14)
 }
 
 /// Whether a drive is within the limit, up to [`tolerance`].

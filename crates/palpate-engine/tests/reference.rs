@@ -135,7 +135,7 @@ proptest! {
             }
             let (element, c) = (at.element as usize, DVec3::from_array(at.position_m));
             let reading = slow.read(element, c, x);
-            let excess = slow.drive(element, c, x).length() - reading.limit;
+            let excess = slow.drive(&reading, element, c, x).length() - reading.limit;
             prop_assert!(excess <= 2e-6 * (reading.limit + reading.fr) + 1e-6, "{excess} over {}", reading.limit);
             if output.flags.slipping && reading.limit > 1e-6 && !exact {
                 prop_assert!(excess >= -2e-6 * (reading.limit + reading.fr) - 1e-6, "slipped too far: {excess}");

@@ -103,8 +103,7 @@ impl<'a> Reference<'a> {
     }
 
     /// The vector that slip follows. Energies are differenced here at the tip held, and no formula of the engine's is used.
-    pub fn drive(&self, element: usize, c: DVec3, tip: DVec3) -> DVec3 {
-        let reading = self.read(element, c, tip);
+    pub fn drive(&self, reading: &Reading, element: usize, c: DVec3, tip: DVec3) -> DVec3 {
         match self.rule {
             SlipRule::Exact => -self.slope(element, |c| self.read(element, c, tip).energy, c),
             SlipRule::Consistent => {
@@ -257,7 +256,7 @@ impl<'a> Reference<'a> {
     fn slip(&self, mut element: usize, mut c: DVec3, tip: DVec3) -> (usize, DVec3) {
         for _ in 0..20_000 {
             let reading = self.read(element, c, tip);
-            let drive = self.drive(element, c, tip);
+            let drive = self.drive(&reading, element, c, tip);
             let excess = drive.length() - reading.limit;
             if excess <= 1e-9 * reading.limit + 1e-11 * reading.fr / reading.lateral.max(1e-12) {
                 break;
