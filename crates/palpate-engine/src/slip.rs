@@ -5,7 +5,7 @@ use crate::drive::{Drive, Rule};
 use crate::field::{Field, Site};
 use crate::lateral::Lateral;
 use crate::walk::{Launch, Stop, launch, walk};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use palpate_body::SurfacePoint;
 use std::marker::PhantomData;
 
@@ -55,6 +55,32 @@ impl Pace {
     #[inline]
     fn learn(&mut self, ease: f64) {
         self.0 = [ease, self.0[0], self.0[1]];
+    }
+}
+
+/// How c answers to the drive, ∂c/∂d, from the iterates of a Newton search: Broyden's second method.
+///
+/// Where friction is small, c goes to where the drive vanishes in both directions of the plane, and they are not equally
+/// stiff on a curved surface: the scalar secant alone would zigzag.
+struct Answer(DMat3);
+
+impl Answer {
+    #[inline(always)]
+    fn new(ease: f64) -> Self {
+        Answer(DMat3::from_diagonal(DVec3::splat(ease)))
+    }
+
+    /// The way that would take away a drive of this much.
+    #[inline]
+    fn way(&self, drive: DVec3) -> DVec3 {
+        self.0 * drive
+    }
+
+    /// The way `gone` has taken away `drop`.
+    #[inline]
+    fn learn(&mut self, gone: DVec3, drop: DVec3) {
+        let p = (gone - self.way(drop)) * (1.0 / drop.length_squared());
+        self.0 += DMat3::from_cols(p * drop.x, p * drop.y, p * drop.z);
     }
 }
 
@@ -181,6 +207,9 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
         let first = self.drive.force * self.drive.along.dot(v) - self.field.limit;
         let energy = self.field.energy;
         let mut excess = first;
+        // The paper's rule has the scalar secant alone.
+        let (bent, mut answer) = (L::ISOTROPIC && !R::LATERAL, Answer::new(ease));
+        let mut residual = self.drive.along * first;
         while self.evaluations > 0 && believable(ease) && excess * ease <= farthest {
             let way = excess * ease;
             let rates = self.site.rates(v * way.signum());
@@ -215,8 +244,20 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
             if stop != Stop::Reached {
                 return true;
             }
-            if now.abs() > 0.5 * excess.abs() {
+            if now.abs() > if bent { 2.0 } else { 0.5 } * excess.abs() {
                 return false;
+            }
+            if bent {
+                let left = self.drive.along * now;
+                answer.learn(v * way, residual - left);
+                let next = answer.way(left);
+                let length = next.length();
+                if !(length > 0.0 && length.is_finite()) {
+                    return false;
+                }
+                (residual, excess, ease) = (left, now, length / now.abs());
+                v = next * (now.signum() / length);
+                continue;
             }
             ease = way / (excess - seen);
             (v, excess) = if L::ISOTROPIC {
@@ -287,7 +328,7 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
             target = match high {
                 Some((end, there)) if end - low.0 <= CLOSED => {
                     // A jump of the frame or the response: rest on its far side, within the limit.
-                    *self.at = there;
+                    *self.at = if R::CONTINUOUS { there } else { on_edge(there) };
                     self.evaluate_again();
                     return end;
                 }
@@ -327,6 +368,14 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
             self.evaluate();
         }
     }
+}
+
+/// The same point, put on the edge that it is a hair away from, so that its search goes on along the edge.
+#[cold]
+fn on_edge(at: SurfacePoint) -> SurfacePoint {
+    let n = at.n.map(|n| if n < 1e-8 { 0.0 } else { n });
+    let per = 1.0 / (n[0] + n[1] + n[2]);
+    SurfacePoint { n: n.map(|n| n * per), ..at }
 }
 
 /// Whether the energy has risen above `energy` by more than rounding.
