@@ -45,6 +45,12 @@ fn bars(report: &Report) {
         assert!(setting.stored_j == 0.0 && setting.onsets == 1 && setting.capped == 0);
     }
     assert_eq!((report.body.triangles, report.body.nodes), (528, 288));
+    for (cycle, most) in report.slip_rules.iter().zip([10.3, 0.85, -10.0, 10.3, 0.06, -2.0]) {
+        assert!(cycle.handed_out_j * 1e3 < most, "{cycle:?}");
+        assert_eq!(cycle.excess_step_n > 1e-3, cycle.slip == "exact", "{cycle:?}");
+        assert!(cycle.slip != "paper" || cycle.handed_out_j > 10.2e-3);
+    }
+    assert_eq!(report.slip_rules.len(), 6);
 }
 
 /// The body and path that are written give the experiment again, to the bit.
@@ -75,7 +81,7 @@ fn json(out: &Path) {
 }
 
 fn pictures(out: &Path) {
-    for name in ["force.png", "clicks.png", "curves.png", "body.png"] {
+    for name in ["force.png", "clicks.png", "curves.png", "body.png", "rules.png"] {
         let bytes = std::fs::read(out.join(name)).unwrap();
         assert!(bytes.starts_with(b"\x89PNG") && bytes.len() > 10_000, "{name}");
     }

@@ -9,6 +9,7 @@ pub mod experiment;
 pub mod path;
 pub mod pictures;
 pub mod report;
+pub mod rules;
 pub mod sound;
 pub mod view;
 pub mod words;
@@ -62,6 +63,8 @@ fn write(
     pictures::force(&into.join("force.png"), coarse)?;
     pictures::clicks(&into.join("clicks.png"), coarse)?;
     pictures::curves(&into.join("curves.png"), body)?;
+    report.add_rules(rules::run()?);
+    rules::picture(&into.join("rules.png"), &report.slip_rules)?;
     view::body(&into.join("body.png"), body, coarse)?;
     for (((name, _), rollout), setting) in SETTINGS.iter().zip(&finer.settings).zip(&mut report.settings) {
         let loudness = sound::save(&into.join(format!("force-rate-{name}.wav")), finer, rollout)?;

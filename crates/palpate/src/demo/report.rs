@@ -1,6 +1,7 @@
 //! What the experiment found, as `report.json` holds it, and the bars it must reach.
 
 use super::experiment::{CLICK, Rate, Rollout, SETTINGS};
+use super::rules::{self, Cycle};
 use super::{cylinder, path, sound};
 use serde::Serialize;
 
@@ -24,6 +25,8 @@ pub struct Report {
     pub lipschitz_n_per_m: [f64; 2],
     /// Touching samples at 1, 10 and 100 kHz where the smooth model has no bound.
     pub samples_without_bound: [usize; 3],
+    /// What each slip rule hands out.
+    pub slip_rules: Vec<Cycle>,
     /// The path.
     pub path: PathFacts,
     /// The body.
@@ -129,6 +132,7 @@ impl Report {
             settings,
             lipschitz_n_per_m: coarse.bounds.into(),
             samples_without_bound: [0, 1, 2].map(|i| rates[i].unbounded),
+            slip_rules: Vec::new(),
             path: PathFacts {
                 duration_s: path::DURATION,
                 fastest_m_per_s: coarse.fastest,
@@ -151,6 +155,13 @@ impl Report {
         report.shortfalls = report.judge();
         report.passed = report.shortfalls.is_empty();
         report
+    }
+
+    /// Adds the slip rules' cycles, and what they fell short of.
+    pub fn add_rules(&mut self, cycles: Vec<Cycle>) {
+        self.shortfalls.extend(rules::judge(&cycles));
+        self.passed = self.shortfalls.is_empty();
+        self.slip_rules = cycles;
     }
 
     /// One sentence for each bar that was not reached.

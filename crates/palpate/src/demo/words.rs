@@ -2,6 +2,7 @@
 
 use super::pictures::{CLOSE_UP, TITLES};
 use super::report::{ABLATED_EXCESS_MIN, EXCESS_MAX, REFINEMENT_MAX, Report, Setting};
+use super::rules;
 use std::fmt::Write;
 
 /// The table of the settings, for a terminal and for the report.
@@ -75,6 +76,14 @@ each of the next two must show an excess of at least {ablated:.0} mN however fin
 than {used:.0} % of what the bound allows. All the work that the tool did there ({work:.1} mJ) went into friction: the books of
 energy balance to {ledger:.0e} J in every setting.
 
+## Where energy comes from
+
+The paper's slip rule can create energy: without friction, pressed in where the body is soft, dragged to where it is three
+times as stiff, and let go, the hand gets back more than it gave. The rule `consistent`, the default of new bodies, adds
+what the energy's own slope does to the contact point and hands out next to nothing, the less the finer the mesh; `exact`
+hands out nothing at all, but it clicks. `rules.png` shows the energy as it comes and goes.
+
+{rules}
 ## What the pictures show
 
 - `force.png`: the force in the four settings, outward (the body pushes back), around and along (friction). Red
@@ -109,6 +118,7 @@ palpate trace {folder}/cylinder.body --path {folder}/path.csv -o jumps.csv --abl
         triangles = body.triangles,
         friction = body.friction,
         table = table(report),
+        rules = rules::table(&report.slip_rules),
         excess = EXCESS_MAX * 1e3,
         r10 = REFINEMENT_MAX[0],
         r100 = REFINEMENT_MAX[1],
