@@ -70,6 +70,8 @@ impl Knots {
 /// One interval of the curves of three test points: what (5) mixes while the deflection stays in it.
 #[derive(Debug, Clone, Copy)]
 pub struct Rows<'a, const N: usize> {
+    /// Which of the knots' intervals.
+    pub(crate) interval: usize,
     /// The interval's knot, and from where to where it holds, m.
     knot: f64,
     low: f64,
@@ -79,7 +81,8 @@ pub struct Rows<'a, const N: usize> {
 
 impl<const N: usize> Rows<'_, N> {
     /// Rows that hold nowhere: to be looked up before the first mix.
-    pub const NONE: Self = Rows { knot: 0.0, low: f64::INFINITY, high: f64::INFINITY, rows: [&[0.0; N]; 3] };
+    pub const NONE: Self =
+        Rows { interval: 0, knot: 0.0, low: f64::INFINITY, high: f64::INFINITY, rows: [&[0.0; N]; 3] };
 
     /// Whether a deflection lies in this interval.
     #[inline]
@@ -197,21 +200,26 @@ impl Responses {
         rows(&self.lateral, &self.lateral_rows, points, deflection)
     }
 
-    /// Where the energies of test points at a depth and a lateral deflection are found.
+    /// Where the energies of test points at a depth and a lateral deflection are found: in the intervals of rows that
+    /// hold them.
     ///
     /// # Real-time
     /// O(1), no allocation, never panics.
     #[inline]
-    pub fn strain(&self, depth: f64, deflection: f64) -> Strain<'_> {
-        let at = |knots: &Knots, x: f64| {
-            let interval = knots.locate(x);
-            let t = (x - knots.knots.get(interval).copied().unwrap_or(0.0)).max(0.0);
+    pub fn strain(&self, [depth, lateral]: [f64; 2], rows: (&Rows<'_, 9>, &Rows<'_, 5>)) -> Strain<'_> {
+        let powers = |t: f64| {
             let t2 = t * t;
-            (interval, [1.0, t, t2 * 0.5, t2 * t * (1.0 / 3.0), t2 * t2 * 0.25])
+            [1.0, t, t2 * 0.5, t2 * t * (1.0 / 3.0), t2 * t2 * 0.25]
         };
-        let (depth_interval, depth_powers) = at(&self.depth, depth);
-        let (lateral_interval, lateral_powers) = at(&self.lateral, deflection);
-        Strain { responses: self, depth_interval, lateral_interval, depth_powers, lateral_powers }
+        let (depth_powers, lateral_powers) =
+            (powers(rows.0.distance(depth)), powers(rows.1.distance(lateral)));
+        Strain {
+            responses: self,
+            depth_interval: rows.0.interval,
+            lateral_interval: rows.1.interval,
+            depth_powers,
+            lateral_powers,
+        }
     }
 
     /// The energy's coefficients of a test point's normal curve in one interval; none where there is no such point.
@@ -240,8 +248,8 @@ pub struct Strain<'a> {
     lateral_interval: usize,
     /// 1, t, t²/2, t³/3, t⁴/4 of the distances from the intervals' knots: what a row's integral and powers are multiplied
     /// with to give the energy.
-    pub(crate) depth_powers: [f64; POWERS],
-    pub(crate) lateral_powers: [f64; POWERS],
+    depth_powers: [f64; POWERS],
+    lateral_powers: [f64; POWERS],
 }
 
 /// Energies of three test points at a [`Strain`].
@@ -301,6 +309,12 @@ impl Strain<'_> {
         Known { points, energies: points.map(|t| self.energy(t)) }
     }
 
+    /// The powers of both, in single precision.
+    #[inline]
+    pub(crate) fn single(&self) -> [[f32; POWERS]; 2] {
+        [self.depth_powers, self.lateral_powers].map(|powers| powers.map(|p| p as f32))
+    }
+
     /// Where the rows of these intervals are in tables of the same knots.
     #[inline]
     pub(crate) fn rows(&self, point: usize) -> (usize, usize) {
@@ -315,6 +329,7 @@ fn rows<'a, const N: usize>(knots: &Knots, table: &'a [[f64; N]], points: [u32; 
     let knot = knots.knots.get(interval).copied().unwrap_or(0.0);
     let columns = knots.knots.len();
     Rows {
+        interval,
         knot,
         low: if interval == 0 { f64::NEG_INFINITY } else { knot },
         high: knots.knots.get(interval + 1).copied().unwrap_or(f64::INFINITY),

@@ -6,7 +6,7 @@ use crate::drive::Drive;
 use crate::lateral::{Change, Lateral};
 use crate::walk::Rates;
 use glam::DVec3;
-use palpate_body::{Body, Node, Rows, Sample};
+use palpate_body::{Body, Node, Rows, Sample, Strain};
 use std::array::from_fn;
 
 /// Which interpolations are taken away, as in the paper's section 5: either makes the force jump at mesh edges.
@@ -161,6 +161,12 @@ impl<'a, L: Lateral> Site<'a, L> {
             Mix::Own => self.nodes.map(|n| n.test_points[0]),
             Mix::Shared | Mix::Wide => self.nodes[0].test_points,
         }
+    }
+
+    /// Where the energies of test points are, for `f`, which was just evaluated.
+    #[inline]
+    pub fn strain(&self, f: &Field) -> Strain<'a> {
+        self.body.responses().strain([f.depth, self.stretch.rho(f)], (&self.depth, &self.lateral))
     }
 
     /// The test points that all nodes mix, if they are the same.

@@ -231,10 +231,10 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
                 return false;
             }
             // Past the tip, |f_r| = L has a second root: there friction would push.
-            if self.drive.along.dot(v) < 0.0 && self.field.limit > tolerance(self.field) {
+            if self.drive.along.dot(v) < 0.0 && self.field.limit > tolerance(&self.drive, self.field) {
                 return false;
             }
-            if now.abs() <= tolerance(self.field) {
+            if now.abs() <= tolerance(&self.drive, self.field) {
                 // What is left would be closed by one more iterate: learn as if it had been.
                 if now.abs() < 0.1 * first {
                     self.pace.learn((travelled + now * ease) / first);
@@ -283,7 +283,7 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
         let excess = |d: &Drive, f: &Field| {
             let excess = d.force * d.along.dot(v) - f.limit;
             // Over a hump into another valley of the energy: too far, whatever the drive says there.
-            if R::PASSIVE && raised(f, energy) { -excess.abs() - 2.0 * tolerance(f) } else { excess }
+            if R::PASSIVE && raised(f, energy) { -excess.abs() - 2.0 * tolerance(d, f) } else { excess }
         };
         let (mut s, mut g) = (0.0, excess(&self.drive, self.field));
         if g <= 0.0 {
@@ -309,7 +309,7 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
             s += walked * way.signum();
             g = excess(&self.drive, self.field);
             tries += 1;
-            if g.abs() <= tolerance(self.field) {
+            if g.abs() <= tolerance(&self.drive, self.field) {
                 return s;
             }
             if g > 0.0 {
@@ -387,14 +387,14 @@ fn raised(field: &Field, energy: f64) -> bool {
 /// Whether a drive is within the limit, up to [`tolerance`].
 #[inline]
 pub(crate) fn within(drive: &Drive, field: &Field) -> bool {
-    drive.force - field.limit <= tolerance(field) || drive.reach <= NO_DEFLECTION
+    drive.force - field.limit <= tolerance(drive, field) || drive.reach <= NO_DEFLECTION
 }
 
 /// A way below this is rounding, m.
 const NO_DEFLECTION: f64 = 1e-12;
 
-/// 10⁻⁶ of the limit, a micronewton of a newton, and [`NO_DEFLECTION`], N.
+/// 10⁻⁶ of the limit, a micronewton of a newton, [`NO_DEFLECTION`], and the drive's rounding, N.
 #[inline]
-fn tolerance(field: &Field) -> f64 {
-    1e-6 * field.limit + NO_DEFLECTION * field.pull_slope
+fn tolerance(drive: &Drive, field: &Field) -> f64 {
+    1e-6 * field.limit + NO_DEFLECTION * field.pull_slope + drive.noise
 }
