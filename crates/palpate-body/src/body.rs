@@ -283,7 +283,7 @@ impl Body {
     /// rule needs them. It takes memory, and about a second for 5 million triangles.
     pub fn gradients(&self) -> &Gradients {
         self.gradients.0.get_or_init(|| {
-            Gradients::new(&self.nodes, &self.elements, &self.lateral_tensors, &self.responses)
+            Gradients::new(&self.nodes, &self.elements, &self.lateral_tensors, &self.responses, &self.curves)
         })
     }
 

@@ -14,7 +14,8 @@
 //! All in single precision, four numbers at a time: it moves a gradient by some 10⁻⁷ of itself.
 
 use crate::body::Node;
-use crate::response::{Known, POWERS, Responses, Strain};
+use crate::curve::Curve;
+use crate::response::{Known, POWERS, Response, Responses, Strain};
 use crate::surface::Element;
 use crate::tensor::Tensor;
 use glam::{DVec3, Vec3A, Vec4};
@@ -62,6 +63,18 @@ pub struct Gradients {
     turns: Vec<[Vec4; 3]>,
     /// ∇̄A_l: (nodes × 3 directions), 1/m; none where the lateral response is alike in all directions.
     tensors: Vec<[[f32; 6]; 3]>,
+    most: Most,
+}
+
+/// How large the gradients of a body can be, whatever the deflection: a step need not look at those that can't matter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Most {
+    /// |Σ n ∇̄W| is at most this times W, 1/m; infinite where a curve vanishes and its neighbours' do not.
+    pub energy: f64,
+    /// |Σ n ∇̄(u·b)| is at most this times |b|, 1/m.
+    pub turn: f64,
+    /// |Σ n ∇̄(d·A d)| is at most this times |d|², 1/m.
+    pub tensor: f64,
 }
 
 impl Gradients {
@@ -71,6 +84,7 @@ impl Gradients {
         elements: &[Element],
         tensors: &[Tensor],
         responses: &Responses,
+        curves: &[Response],
     ) -> Self {
         let around = Around::new(nodes.len(), elements);
         let mut gradients = Gradients {
@@ -80,6 +94,7 @@ impl Gradients {
             lateral_rows: Vec::new(),
             turns: Vec::with_capacity(nodes.len()),
             tensors: Vec::with_capacity(tensors.len()),
+            most: Most { energy: 0.0, turn: 0.0, tensor: 0.0 },
         };
         let [depth_knots, lateral_knots] =
             [responses.depth_knots(), responses.lateral_knots()].map(|k| k.values().len());
@@ -131,6 +146,12 @@ impl Gradients {
             let per = if area > 0.0 { 1.0 / area } else { 0.0 };
             let single = |g: &DVec3| (*g * per).as_vec3().to_array();
             sum.retain(|(_, g)| single(g) != [0.0; 3]);
+            let steepest = steepest(&sum, node, curves) * per;
+            gradients.most.energy = gradients.most.energy.max(steepest);
+            let squares = |of: &[DVec3]| of.iter().map(|g| g.length_squared()).sum::<f64>();
+            gradients.most.turn = gradients.most.turn.max(squares(&turn).sqrt() * per);
+            let change_norm = (squares(&change) + squares(&change[3..])).sqrt() * per;
+            gradients.most.tensor = gradients.most.tensor.max(change_norm);
             if sum.len() > MAX_TERMS {
                 sum.iter_mut().for_each(|(_, g)| *g *= per);
                 let reference = node.test_points[0];
@@ -151,6 +172,12 @@ impl Gradients {
             }
         }
         gradients
+    }
+
+    /// How large they can be.
+    #[inline]
+    pub fn most(&self) -> Most {
+        self.most
     }
 
     /// ∇̄W of a node whose first test point is `reference`, N. `known` are energies that were found before.
@@ -222,6 +249,42 @@ impl Gradients {
 #[inline(always)]
 fn value([a, b, c, d, e]: &Row, [p, q, r, s, t]: &[f32; POWERS]) -> Vec4 {
     *a * *p + *b * *q + (*c * *r + *d * *s) + *e * *t
+}
+
+/// The greatest |Σ g (f_t − f_ref)| over the node's own f, of normal and lateral curves alike: by their Bernstein ordinates,
+/// which bound the curves, and the slope past the end. What holds of the forces holds of their integrals.
+fn steepest(terms: &[(u32, DVec3)], node: &Node, curves: &[Response]) -> f64 {
+    if terms.is_empty() {
+        return 0.0;
+    }
+    let of = |t: u32, curve: fn(&Response) -> &Curve| curves.get(t as usize).map(curve);
+    let curve_kinds: [fn(&Response) -> &Curve; 2] = [|r| &r.normal, |r| &r.lateral];
+    let mut most = 0.0f64;
+    for kind in curve_kinds {
+        let intervals = curves.first().map_or(0, |r| kind(r).ordinates().len());
+        for interval in 0..intervals {
+            let last = interval + 1 == intervals;
+            let ordinates = |t: u32| {
+                let [a, b, c, d] = of(t, kind).map_or([0.0; 4], |curve| curve.ordinates()[interval]);
+                [a, b, c, d, if last { d - c } else { 0.0 }]
+            };
+            let reference = ordinates(node.test_points[0]);
+            let (mut own, mut sum) = ([0.0; 5], [DVec3::ZERO; 5]);
+            for (t, w) in node.test_points.into_iter().zip(node.weights) {
+                own.iter_mut().zip(ordinates(t)).for_each(|(own, b)| *own += w * b);
+            }
+            for (t, g) in terms {
+                let differences = ordinates(*t).into_iter().zip(reference);
+                sum.iter_mut().zip(differences).for_each(|(sum, (b, r))| *sum += *g * (b - r));
+            }
+            for (own, sum) in own.into_iter().zip(sum.map(DVec3::length)) {
+                if sum > 0.0 {
+                    most = most.max(if own > 0.0 { sum / own } else { f64::INFINITY });
+                }
+            }
+        }
+    }
+    most
 }
 
 /// Σ g (row − row of the reference), in each interval.

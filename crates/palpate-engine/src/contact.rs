@@ -21,6 +21,8 @@ pub struct Contact {
     rule: SlipRule,
     state: State,
     pace: Pace,
+    /// What the slip rule last took from f_t, N: a first guess of what it will take.
+    taken: DVec3,
     energy: Ledger,
     counters: Counters,
 }
@@ -57,7 +59,15 @@ impl Contact {
         }
         let law = Law { ablation, radius_m: body.tool().radius_m };
         let (energy, counters) = (Ledger::default(), Counters::default());
-        Contact { law, rule, state: State::Unknown, pace: Pace::default(), energy, counters }
+        Contact {
+            law,
+            rule,
+            state: State::Unknown,
+            pace: Pace::default(),
+            taken: DVec3::ZERO,
+            energy,
+            counters,
+        }
     }
 
     /// The slip rule in force.
@@ -235,12 +245,15 @@ impl Contact {
         tip: DVec3,
         flags: &mut Flags,
     ) -> End {
-        let drive = R::drive(site, at.n, field);
+        let drive = R::first(site, at.n, field, self.taken);
         if slip::within(&drive, field) {
             return End::Settled;
         }
         let start = *at;
         let slipped = slip::slip::<L, R>(site, at, field, drive, tip, &mut self.pace);
+        if !R::LATERAL {
+            self.taken = field.u_t * field.pull - slipped.drive.along * slipped.drive.force;
+        }
         self.energy.slip(field.energy);
         let moved = *at != start;
         flags.slipping |= moved;

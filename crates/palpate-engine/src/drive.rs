@@ -13,7 +13,7 @@
 use crate::field::{Field, Site};
 use crate::lateral::Lateral;
 use glam::{DVec3, Vec3A};
-use palpate_body::{Known, Node};
+use palpate_body::{Gradients, Known, Node};
 
 /// A drive, to be brought within the friction limit.
 #[derive(Debug, Clone, Copy)]
@@ -48,6 +48,13 @@ pub(crate) trait Rule {
     /// Whether it drives along f_t.
     const LATERAL: bool = false;
 
+    /// What tells whether the contact point slips from where it stood, and which way to try first: a cheaper drive where
+    /// it is sure to be within the limit or beyond it. `taken` is what the rule last took from f_t.
+    #[inline(always)]
+    fn first<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field, _taken: DVec3) -> Drive {
+        Self::drive(site, n, f)
+    }
+
     /// The drive at area coordinates `n`, where `f` was just evaluated.
     fn drive<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> Drive;
 }
@@ -70,6 +77,21 @@ pub(crate) struct Consistent;
 
 impl Rule for Consistent {
     const CONTINUOUS: bool = true;
+
+    #[inline(always)]
+    fn first<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field, taken: DVec3) -> Drive {
+        let most = greatest(site, n, f);
+        if f.pull + most <= f.limit {
+            return Paper::drive(site, n, f);
+        }
+        let guess = Drive::of(f.u_t * f.pull - taken, 0.0, f);
+        let inside = n[0] != 0.0 && n[1] != 0.0 && n[2] != 0.0;
+        // Beyond the limit by more than the search's tolerance.
+        if inside && f.pull - most > 1.001 * f.limit && guess.force > 1.001 * f.limit {
+            return guess;
+        }
+        Self::drive(site, n, f)
+    }
 
     #[inline(always)]
     fn drive<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> Drive {
@@ -99,6 +121,26 @@ impl Rule for Exact {
 #[cfg_attr(not(test), expect(dead_code, reason = "for certificates"))]
 pub(crate) fn consistent<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> DVec3 {
     f.u_t * f.pull - reaction(site, n, f)
+}
+
+/// The most that |f_t − g̃| can be, N.
+#[inline(always)]
+fn greatest<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> f64 {
+    let Some(most) = site.body.derived_gradients().map(Gradients::most) else { return 0.0 };
+    let mut sum = 0.0;
+    if site.law.interpolates_responses() {
+        // The factor of the turn from the nodes' planes into c's.
+        sum += 1.5 * most.energy * f.energy;
+        if !L::ISOTROPIC {
+            sum +=
+                1.5 * most.tensor * 0.5 * site.stretch.gain(f) * site.stretch.deflection(f).length_squared();
+        }
+    }
+    if site.law.interpolates_frames() {
+        sum += most.turn * site.leverage(n, f).length() / f.frame_length;
+    }
+    // Not a number where an infinite bound meets no energy.
+    if sum >= 0.0 { sum } else { f64::INFINITY }
 }
 
 /// Of the gradients in single precision, and their sums.

@@ -33,6 +33,8 @@ pub(crate) enum End {
 /// What a slip took.
 pub(crate) struct Slipped {
     pub end: End,
+    /// Where it ended.
+    pub drive: Drive,
     pub evaluations: u32,
     pub crossings: u32,
 }
@@ -112,7 +114,12 @@ pub(crate) fn slip<L: Lateral, R: Rule>(
     let rule = PhantomData::<R>;
     let mut search = Search { rule, site, tip, at, field, drive, pace, evaluations, crossings };
     let end = search.run();
-    Slipped { end, evaluations: evaluations - search.evaluations, crossings: crossings - search.crossings }
+    Slipped {
+        end,
+        drive: search.drive,
+        evaluations: evaluations - search.evaluations,
+        crossings: crossings - search.crossings,
+    }
 }
 
 impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
