@@ -63,18 +63,25 @@ pub struct Gradients {
     turns: Vec<[Vec4; 3]>,
     /// ∇̄A_l: (nodes × 3 directions), 1/m; none where the lateral response is alike in all directions.
     tensors: Vec<[[f32; 6]; 3]>,
-    most: Most,
+    /// (nodes)
+    most: Vec<Most>,
 }
 
-/// How large the gradients of a body can be, whatever the deflection: a step need not look at those that can't matter.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// How large a node's gradients can be, whatever the deflection: a step need not look at those that can't matter.
+#[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
 pub struct Most {
-    /// |Σ n ∇̄W| is at most this times W, 1/m; infinite where a curve vanishes and its neighbours' do not.
-    pub energy: f64,
-    /// |Σ n ∇̄(u·b)| is at most this times |b|, 1/m.
-    pub turn: f64,
-    /// |Σ n ∇̄(d·A d)| is at most this times |d|², 1/m.
-    pub tensor: f64,
+    /// |∇̄W| is at most this times W, 1/m; infinite where a curve vanishes and its neighbours' do not.
+    pub energy: f32,
+    /// |∇̄(u·b)| is at most this times |b|, 1/m.
+    pub turn: f32,
+    /// |∇̄(d·A d)| is at most this times |d|², 1/m.
+    pub tensor: f32,
+}
+
+/// In single precision, and no less.
+fn above(x: f64) -> f32 {
+    (x * (1.0 + 1e-6)) as f32
 }
 
 impl Gradients {
@@ -94,7 +101,7 @@ impl Gradients {
             lateral_rows: Vec::new(),
             turns: Vec::with_capacity(nodes.len()),
             tensors: Vec::with_capacity(tensors.len()),
-            most: Most { energy: 0.0, turn: 0.0, tensor: 0.0 },
+            most: Vec::with_capacity(nodes.len()),
         };
         let [depth_knots, lateral_knots] =
             [responses.depth_knots(), responses.lateral_knots()].map(|k| k.values().len());
@@ -146,12 +153,13 @@ impl Gradients {
             let per = if area > 0.0 { 1.0 / area } else { 0.0 };
             let single = |g: &DVec3| (*g * per).as_vec3().to_array();
             sum.retain(|(_, g)| single(g) != [0.0; 3]);
-            let steepest = steepest(&sum, node, curves) * per;
-            gradients.most.energy = gradients.most.energy.max(steepest);
-            let squares = |of: &[DVec3]| of.iter().map(|g| g.length_squared()).sum::<f64>();
-            gradients.most.turn = gradients.most.turn.max(squares(&turn).sqrt() * per);
-            let change_norm = (squares(&change) + squares(&change[3..])).sqrt() * per;
-            gradients.most.tensor = gradients.most.tensor.max(change_norm);
+            let norm = |of: &[DVec3]| (of.iter().map(|g| g.length_squared()).sum::<f64>()).sqrt() * per;
+            // Six components stand for nine: those off the diagonal count twice.
+            gradients.most.push(Most {
+                energy: above(steepest(&sum, node, curves) * per),
+                turn: above(norm(&turn)),
+                tensor: above(norm(&change).hypot(norm(&change[3..]))),
+            });
             if sum.len() > MAX_TERMS {
                 sum.iter_mut().for_each(|(_, g)| *g *= per);
                 let reference = node.test_points[0];
@@ -174,10 +182,13 @@ impl Gradients {
         gradients
     }
 
-    /// How large they can be.
+    /// How large those of a node can be.
+    ///
+    /// # Real-time
+    /// O(1), never panics.
     #[inline]
-    pub fn most(&self) -> Most {
-        self.most
+    pub fn most(&self, node: u32) -> Most {
+        self.most.get(node as usize).copied().unwrap_or(Most { energy: 0.0, turn: 0.0, tensor: 0.0 })
     }
 
     /// ∇̄W of a node whose first test point is `reference`, N. `known` are energies that were found before.
@@ -234,9 +245,10 @@ impl Gradients {
     }
 
     /// Bytes that a step may read.
-    pub(crate) fn memory(&self) -> [&[u8]; 6] {
+    pub(crate) fn memory(&self) -> [&[u8]; 7] {
         [
             bytemuck::cast_slice(&self.places),
+            bytemuck::cast_slice(&self.most),
             bytemuck::cast_slice(&self.terms),
             bytemuck::cast_slice(&self.depth_rows),
             bytemuck::cast_slice(&self.lateral_rows),

@@ -13,7 +13,7 @@
 use crate::field::{Field, Site};
 use crate::lateral::Lateral;
 use glam::{DVec3, Vec3A};
-use palpate_body::{Gradients, Known, Node};
+use palpate_body::{Known, Node};
 
 /// A drive, to be brought within the friction limit.
 #[derive(Debug, Clone, Copy)]
@@ -126,18 +126,23 @@ pub(crate) fn consistent<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field)
 /// The most that |f_t − g̃| can be, N.
 #[inline(always)]
 fn greatest<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> f64 {
-    let Some(most) = site.body.derived_gradients().map(Gradients::most) else { return 0.0 };
+    let Some(gradients) = site.body.derived_gradients() else { return 0.0 };
+    let numbers = site.body.element_node_numbers(site.element);
+    let [a, b, c] = numbers.map(|node| gradients.most(node));
+    let mixed = |x: f32, y: f32, z: f32| n[0] * f64::from(x) + n[1] * f64::from(y) + n[2] * f64::from(z);
     let mut sum = 0.0;
     if site.law.interpolates_responses() {
-        // The factor of the turn from the nodes' planes into c's.
-        sum += 1.5 * most.energy * f.energy;
+        // Each node's is beyond its own share of W, n_l W_l ≤ W.
+        sum += f64::from(a.energy.max(b.energy).max(c.energy)) * f.energy;
         if !L::ISOTROPIC {
-            sum +=
-                1.5 * most.tensor * 0.5 * site.stretch.gain(f) * site.stretch.deflection(f).length_squared();
+            let square = site.stretch.deflection(f).length_squared();
+            sum += mixed(a.tensor, b.tensor, c.tensor) * 0.5 * site.stretch.gain(f) * square;
         }
+        // What turning it from the nodes' planes into c's may add.
+        sum *= 1.1;
     }
     if site.law.interpolates_frames() {
-        sum += most.turn * site.leverage(n, f).length() / f.frame_length;
+        sum += mixed(a.turn, b.turn, c.turn) * site.leverage(n, f).length() / f.frame_length;
     }
     // Not a number where an infinite bound meets no energy.
     if sum >= 0.0 { sum } else { f64::INFINITY }
