@@ -15,7 +15,7 @@ fn triangle(cells: usize) -> (TriangleMesh, Vec<[f64; 3]>) {
         for i in 0..=cells - j {
             let (u, v) = (i as f64 / cells as f64, j as f64 / cells as f64);
             mesh.positions.push(e1 * u + e2 * v);
-            mixes.push([1.0 - u - v, u, v]);
+            mixes.push([(1.0 - u - v).max(0.0), u, v]);
             if i + j < cells {
                 mesh.triangles.push([number(i, j), number(i + 1, j), number(i, j + 1)].map(|n| n as u32));
             }
