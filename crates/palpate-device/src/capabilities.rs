@@ -127,4 +127,8 @@ pub struct Mechanics {
     /// From the pose's sampling to the moment when the force that answers it acts, s, beyond the loop's own
     /// zero-order hold.
     pub delay_s: Figure,
+    /// Time constant of the amplifier and motor's first-order lag, s; 0 for none.
+    pub lag_s: Figure,
+    /// How fast the force can change, N/s; infinite where nothing limits it.
+    pub slew_n_per_s: Figure,
 }

@@ -22,7 +22,10 @@
 mod capabilities;
 mod device;
 mod error;
+pub mod presets;
+pub mod simulated;
 
 pub use capabilities::{Basis, Capabilities, Figure, Freedom, Mechanics, Pace, Rates, Workspace};
 pub use device::{Command, Device, Pose, Sample, Status};
 pub use error::{Fault, OpenError};
+pub use simulated::Simulated;
