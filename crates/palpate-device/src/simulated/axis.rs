@@ -1,12 +1,16 @@
 //! One axis of the simulated tool, integrated exactly between events.
 //!
-//!     m ẍ = F(t) + k (x_h − x) + b_h (ẋ_h − ẋ) + p(t) − b ẋ − c_f sign ẋ
+//! ```text
+//! m ẍ = F(t) + k (x_h − x) + b_h (ẋ_h − ẋ) + p(t) − b ẋ − c_f sign ẋ
+//! ```
 //!
 //! with F the motor's force, x_h the hand's aim and p its push. Between events (a command that arrives, an amplifier
 //! that stops slewing, a velocity that becomes 0, a stop that breaks) the right side is linear in x and ẋ with a
 //! smooth drive, so that x(t) is the power series whose coefficients follow one another:
 //!
-//!     m (n+2)(n+1) a_(n+2) = u_n − (b + b_h)(n+1) a_(n+1) − k a_n
+//! ```text
+//! m (n+2)(n+1) a_(n+2) = u_n − (b + b_h)(n+1) a_(n+1) − k a_n
+//! ```
 //!
 //! A piece is short enough for the series to end at rounding; there is no step size to choose and no numerical damping.
 
