@@ -159,7 +159,7 @@ fn energies_add_up() {
     ];
     for name in presets::DEVICES {
         for hand in presets::HANDS {
-            let script = Script::new(DVec3::ZERO, -DVec3::Z, DVec3::X, &moves).unwrap();
+            let script = Script::new(DVec3::ZERO, 0.0, -DVec3::Z, DVec3::X, &moves).unwrap();
             let (hand, _) = presets::hand(hand).unwrap();
             let mut device = Simulated::new(presets::device(name).unwrap(), hand, Box::new(script));
             device.open().unwrap();
@@ -236,7 +236,7 @@ fn scripts_are_smooth() {
         Move::Push { force_n: 1.5, seconds: 0.1 },
         Move::Press { depth_m: -2e-3, seconds: 0.2 },
     ];
-    let script = Script::new(DVec3::X, -DVec3::Z, DVec3::new(1.0, 0.0, 0.5), &moves).unwrap();
+    let script = Script::new(DVec3::X, 0.0, -DVec3::Z, DVec3::new(1.0, 0.0, 0.5), &moves).unwrap();
     assert!((script.duration_s() - 2.4).abs() < 1e-12);
     assert_eq!(script.target(0.0).position_m, DVec3::X);
     let end = script.target(9.0);
@@ -255,7 +255,7 @@ fn scripts_are_smooth() {
         &[Move::Press { depth_m: f64::NAN, seconds: 1.0 }],
         &[Move::Push { force_n: 1.0, seconds: 0.0 }],
     ] {
-        assert!(Script::new(DVec3::ZERO, DVec3::Z, DVec3::X, bad).is_err());
+        assert!(Script::new(DVec3::ZERO, 0.0, DVec3::Z, DVec3::X, bad).is_err());
     }
-    assert!(Script::new(DVec3::ZERO, DVec3::Z, DVec3::Z, &moves).is_err());
+    assert!(Script::new(DVec3::ZERO, 0.0, DVec3::Z, DVec3::Z, &moves).is_err());
 }

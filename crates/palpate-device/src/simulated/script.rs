@@ -4,11 +4,11 @@ use super::{Intent, Target};
 use glam::DVec3;
 use std::f64::consts::TAU;
 
-/// One move of a script. It begins where the one before ended. Ways are as seen from the script's start: into the body,
-/// along, and across; each is travelled from rest to rest with the least jerk.
+/// One move of a script. It begins where the one before ended. Ways are as seen from the script's place on the surface:
+/// into the body, along, and across; each is travelled from rest to rest with the least jerk.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Move {
-    /// To this depth below the start, negative above it, m.
+    /// To this depth below the place, negative above it, m.
     Press {
         /// m.
         depth_m: f64,
@@ -114,7 +114,7 @@ impl Move {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{place}: {problem}; {mend}")]
 pub struct ScriptError {
-    /// Which move, counted from 1, or the start.
+    /// Which move, counted from 1, or the place.
     pub place: String,
     /// What is wrong there.
     pub problem: String,
@@ -122,10 +122,10 @@ pub struct ScriptError {
     pub mend: String,
 }
 
-/// Moves one after the other from a start, in the device's frame.
+/// Moves one after the other at a place, in the device's frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Script {
-    start: DVec3,
+    place: DVec3,
     /// Columns: along, across, into.
     axes: [DVec3; 3],
     moves: Vec<Begun>,
@@ -143,13 +143,19 @@ struct Begun {
 }
 
 impl Script {
-    /// `moves` from `start` (m) with the body in the direction `into`; `along` says where drags go, as far as it is
-    /// perpendicular to `into`.
+    /// `moves` at `place` (m) with the body in the direction `into`, beginning `clearance` (m) above it; `along` says
+    /// where drags go, as far as it is perpendicular to `into`.
     ///
     /// # Errors
     /// A direction of no length or `along` parallel to `into`; a move that takes no time or holds a number that is not
     /// finite; no move.
-    pub fn new(start: DVec3, into: DVec3, along: DVec3, moves: &[Move]) -> Result<Self, ScriptError> {
+    pub fn new(
+        place: DVec3,
+        clearance: f64,
+        into: DVec3,
+        along: DVec3,
+        moves: &[Move],
+    ) -> Result<Self, ScriptError> {
         let error = |place: &str, problem: &str, mend: &str| ScriptError {
             place: place.into(),
             problem: problem.into(),
@@ -160,20 +166,20 @@ impl Script {
             let flat = along - into * along.dot(into);
             (flat.length() > 1e-6).then(|| (into, flat.normalize()))
         });
-        let Some((into, along)) = directions.filter(|_| start.is_finite()) else {
+        let Some((into, along)) = directions.filter(|_| place.is_finite() && clearance.is_finite()) else {
             let problem = "the directions into the body and along it must have a length and differ";
-            return Err(error("start", problem, "give other vectors"));
+            return Err(error("place", problem, "give other vectors"));
         };
         if moves.is_empty() {
             return Err(error("moves", "there is none", "give one at least"));
         }
         let mut begun = Vec::with_capacity(moves.len());
-        let (mut at_s, mut from, mut push) = (0.0, DVec3::ZERO, 0.0);
+        let (mut at_s, mut from, mut push) = (0.0, DVec3::Z * -clearance, 0.0);
         for (i, &the_move) in moves.iter().enumerate() {
-            let place = format!("move {}", i + 1);
+            let number = format!("move {}", i + 1);
             let seconds = the_move.seconds();
             if !(seconds > 0.0 && seconds <= 1e6) {
-                return Err(error(&place, "its seconds are not above 0 or beyond a million", "give a time"));
+                return Err(error(&number, "its seconds are not above 0 or beyond a million", "give a time"));
             }
             begun.push(Begun { the_move, at_s, from, push });
             let end = from + the_move.way(from.z, 1.0, 0.0).0;
@@ -182,10 +188,10 @@ impl Script {
             }
             (at_s, from) = (at_s + seconds, end);
             if !(end.is_finite() && push.is_finite() && the_move.way(0.0, 0.3, 1.0).1.is_finite()) {
-                return Err(error(&place, "it holds a number that is not finite", "give numbers"));
+                return Err(error(&number, "it holds a number that is not finite", "give numbers"));
             }
         }
-        Ok(Script { start, axes: [along, into.cross(along), into], moves: begun })
+        Ok(Script { place, axes: [along, into.cross(along), into], moves: begun })
     }
 
     fn world(&self, local: DVec3) -> DVec3 {
@@ -207,7 +213,7 @@ impl Intent for Script {
             _ => *push,
         };
         Target {
-            position_m: self.start + self.world(*from + way),
+            position_m: self.place + self.world(*from + way),
             velocity_m_per_s: if time_s > at_s + seconds { DVec3::ZERO } else { self.world(rate) },
             push_n: self.axes[2] * push,
         }

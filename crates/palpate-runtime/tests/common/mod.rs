@@ -65,7 +65,7 @@ pub fn press(
     let period = 1e-3;
     let moves =
         [Move::Push { force_n: push, seconds: 1.0 }, Move::Hold { tremor_m: 0.0, tremor_hz: 0.0, seconds }];
-    let script = Script::new(DVec3::new(3e-3, 2e-3, 0.0), -DVec3::Z, DVec3::X, &moves).unwrap();
+    let script = Script::new(DVec3::new(3e-3, 2e-3, 0.0), 0.0, -DVec3::Z, DVec3::X, &moves).unwrap();
     let mut device = Simulated::new(capabilities, Hand::default(), Box::new(script));
     device.open().unwrap();
     let mut closed = HapticLoop::new(Contact::new(body), WorkspaceMap::default(), Stages::default());
