@@ -15,8 +15,8 @@ use serde::Serialize;
 
 /// Of a rest, this much at its beginning (s) is left out when cycles are looked for: the press dies down.
 const SETTLING: f64 = 0.3;
-/// Below this amplitude (m), or one step of the encoder, nothing is called a cycle.
-const SMALLEST: f64 = 1e-6;
+/// Below this amplitude (m) nothing is called a cycle: a vibration at 250 Hz is felt from there.
+const SMALLEST: f64 = 1e-7;
 
 /// A loop to be run.
 #[derive(Debug)]
@@ -137,7 +137,6 @@ pub fn run(
     let rests = script.rests();
     let seconds = seconds.unwrap_or(script.duration_s());
     let mass = capabilities.mechanics.mass_kg.value + hand.mass_kg;
-    let smallest = SMALLEST.max(capabilities.mechanics.resolution_m.value);
     let mut summary = Summary {
         device: capabilities.name.to_string(),
         rate_hz,
@@ -149,7 +148,7 @@ pub fn run(
         ..Summary::default()
     };
     let stages = Stages {
-        coupling: coupling_n_per_m.map(|k| Coupling::new(k, period)),
+        coupling: coupling_n_per_m.map(|k| Coupling::new(k, stiffness_down_to(body, f64::INFINITY))),
         passivity: passivity.then(|| PassivityController::new(period, mass)),
         // The device cuts, and counts.
         force_max_n: None,
@@ -171,7 +170,7 @@ pub fn run(
         row(&waypoint, &step.output)?;
     }
     summary.trace.finish(closed.contact());
-    summary.limit_cycles = cycles(&rests, &places, rate_hz, smallest);
+    summary.limit_cycles = cycles(&rests, &places, rate_hz);
     summary.sampled_data.stiffness_max_n_per_m = stiffness_down_to(body, deepest);
     summary.out_j = closed.port().out_j;
     summary.sampling_bound_j = 0.5 * summary.sampled_data.stiffness_max_n_per_m * closed.port().squares_m2;
@@ -188,11 +187,11 @@ pub fn run(
     Ok(summary)
 }
 
-fn cycles(rests: &[(f64, f64)], places: &[DVec3], rate_hz: f64, smallest: f64) -> Vec<LimitCycle> {
+fn cycles(rests: &[(f64, f64)], places: &[DVec3], rate_hz: f64) -> Vec<LimitCycle> {
     let within = |&(from, to): &(f64, f64)| {
         let sample = |t: f64| ((t * rate_hz).round() as usize).min(places.len());
         let part = places.get(sample(from + SETTLING)..sample(to))?;
-        let Cycle { period_s, amplitude_m, growth } = Cycle::find(part, 1.0 / rate_hz, smallest)?;
+        let Cycle { period_s, amplitude_m, growth } = Cycle::find(part, 1.0 / rate_hz, SMALLEST)?;
         Some(LimitCycle { from_s: from, to_s: to, period_s, amplitude_m, growth })
     };
     rests.iter().filter_map(within).collect()
