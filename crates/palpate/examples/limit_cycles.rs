@@ -13,9 +13,7 @@ use palpate::closed_loop::{Setup, run};
 use palpate::intent::Intent;
 use palpate::plot::{COLOURS, Panel, png};
 use palpate::{Ablation, Body, files};
-use palpate_body::{
-    BodyParts, NodeMix, Provenance, Response, SlipRule, Surface, Tool, TriangleMesh,
-};
+use palpate_body::{BodyParts, NodeMix, Provenance, Response, SlipRule, Surface, Tool, TriangleMesh};
 use palpate_device::simulated::{Hand, Move};
 use palpate_device::{Figure, presets};
 use plotters::prelude::*;
@@ -62,7 +60,8 @@ impl Case {
         }
         let push = |force_n, seconds| Move::Push { force_n, seconds };
         let rest = Move::Hold { tremor_m: 0.0, tremor_hz: 0.0, seconds: REST };
-        let intent = Intent { moves: vec![push(0.98 * force, 1.0), push(force, 0.02), rest], ..Intent::default() };
+        let intent =
+            Intent { moves: vec![push(0.98 * force, 1.0), push(force, 0.02), rest], ..Intent::default() };
         let setup = Setup {
             capabilities,
             hand: Hand::default(),
@@ -136,7 +135,13 @@ const CHARTS: [Chart; 3] = [
         title: "encoder of 0.05 mm: c = K e",
         x_label: "Coulomb friction c (N)",
         x: (2.5e-3, 0.1),
-        case: |coulomb, stiffness| Case { stiffness, damping: 2.5, delay: 0.0, coulomb, resolution: 2.0 * ERROR },
+        case: |coulomb, stiffness| Case {
+            stiffness,
+            damping: 2.5,
+            delay: 0.0,
+            coulomb,
+            resolution: 2.0 * ERROR,
+        },
         border: |c| c / ERROR,
     },
 ];

@@ -45,6 +45,18 @@ fn bars(report: &Report) {
         assert!(setting.stored_j == 0.0 && setting.onsets == 1 && setting.capped == 0);
     }
     assert_eq!((report.body.triangles, report.body.nodes), (528, 288));
+    closed_loops(report);
+}
+
+/// Sliding with the loop closed: next to no texture with both, twenty times as much or more without either; and resting
+/// inside, cycles without coordinates only.
+fn closed_loops(report: &Report) {
+    let textures: Vec<f64> = report.closed_loop.sliding.iter().map(|s| s.texture_n).collect();
+    let [both, ablated @ ..] = textures.as_slice() else { panic!("four slides") };
+    println!("{textures:?}");
+    assert!(*both < 0.5e-3 && ablated.iter().all(|t| *t > 2e-3), "{textures:?}");
+    let cycling: Vec<u32> = report.closed_loop.resting.iter().map(|r| r.cycling).collect();
+    assert!(cycling[0] == 0 && cycling[1] > 0 && cycling[3] > 0, "{cycling:?}");
 }
 
 /// The body and path that are written give the experiment again, to the bit.
@@ -75,7 +87,7 @@ fn json(out: &Path) {
 }
 
 fn pictures(out: &Path) {
-    for name in ["force.png", "clicks.png", "curves.png", "body.png"] {
+    for name in ["force.png", "clicks.png", "curves.png", "body.png", "loops.png"] {
         let bytes = std::fs::read(out.join(name)).unwrap();
         assert!(bytes.starts_with(b"\x89PNG") && bytes.len() > 10_000, "{name}");
     }
