@@ -394,6 +394,7 @@ fn motions(area: &Area, loops: &Loops) -> Result<()> {
         .configure_mesh()
         .x_desc("time (s); the hand rests over an edge inside")
         .y_desc("tool, around (mm)")
+        .y_label_formatter(&|mm| format!("{:.2}", (mm * 100.0).round() / 100.0 + 0.0))
         .axis_desc_style(font(38))
         .label_style(font(34))
         .light_line_style(TRANSPARENT)

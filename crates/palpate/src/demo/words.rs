@@ -84,7 +84,7 @@ rests at {places} places within half a millimetre of an edge, inside the same tu
 
 {loops}
 - **Texture**: what of the force lies above 100 Hz, root mean square. The hand intends nothing there.
-- **Limit cycles**: rests at which the tool doesn't come to rest but swings on for good, though the hand holds still. Inside,
+- **Limit cycles**: rests at which the tool doesn't come to rest but swings on, restlessly, though the hand holds still. Inside,
   an edge is a groove; without coordinates the force flips from side to side in it.
 
 To pass, the setting with both may have {texture} mN of texture and no cycle; the others must have {ablated_texture} mN, and without
