@@ -5,7 +5,7 @@
 //! A tool of 0.1 kg without a hand's damping is pushed 4 mm into a paper plane, f = 100 k δ², by a constant force that
 //! ends with a small jerk; whether what is left of it dies down or not is seen in the minute after. The left and middle
 //! charts are for a damped tool, without and with one sample of delay; the right one for a tool with friction and an
-//! encoder of 0.05 mm, damped enough.
+//! encoder of 0.05 mm, damped enough, that would rest between two steps of it.
 
 use anyhow::{Context, Result, anyhow};
 use glam::DVec3;
@@ -45,9 +45,10 @@ struct Case {
 impl Case {
     /// Whether the tool cycles.
     fn cycles(&self) -> Result<bool> {
-        // f = 100 k δ² has the slope 200 k δ and the force K δ/2.
-        let force = 0.5 * self.stiffness * DEPTH;
-        let body = plane(self.stiffness / (200.0 * DEPTH))?;
+        // f = 100 k δ² has the slope 200 k δ and the force K δ/2. Between two steps of an encoder the rule's worst case.
+        let depth = DEPTH + 0.5 * self.resolution;
+        let force = 0.5 * self.stiffness * depth;
+        let body = plane(self.stiffness / (200.0 * depth))?;
         let mut capabilities = presets::device("bench").context("no bench device")?;
         let m = &mut capabilities.mechanics;
         for (figure, value) in [
@@ -60,8 +61,7 @@ impl Case {
         }
         let push = |force_n, seconds| Move::Push { force_n, seconds };
         let rest = Move::Hold { tremor_m: 0.0, tremor_hz: 0.0, seconds: REST };
-        let intent =
-            Intent { moves: vec![push(0.98 * force, 1.0), push(force, 0.02), rest], ..Intent::default() };
+        let intent = Intent::of(vec![push(0.98 * force, 1.0), push(force, 0.02), rest]);
         let setup = Setup {
             capabilities,
             hand: Hand::default(),

@@ -206,8 +206,8 @@ fn stiffness_down_to(body: &Body, depth: f64) -> f64 {
 
 impl Summary {
     /// What deserves to be said aloud.
-    pub fn warnings(&self, body: &Body) -> Vec<String> {
-        let mut said = self.trace.warnings(body, &[], Ablation::None);
+    pub fn warnings(&self, body: &Body, ablation: Ablation) -> Vec<String> {
+        let mut said = self.trace.warnings(body, &[], ablation);
         // The path that it means is the loop's own.
         said.retain(|s| !s.starts_with("nothing was touched"));
         if self.trace.contacts == 0 {

@@ -146,6 +146,11 @@ impl RawMove {
 }
 
 impl Intent {
+    /// These moves, begun on the surface at the body's top.
+    pub fn of(moves: Vec<Move>) -> Self {
+        Intent { moves, ..Intent::default() }
+    }
+
     /// A built-in intent by its name, sized by how deep the body's curves go; or else the file of that name.
     ///
     /// # Errors
@@ -153,7 +158,7 @@ impl Intent {
     pub fn find(name: &str, body: &Body) -> Result<Self> {
         let depth = body.responses().depth_knots().values().last().copied().unwrap_or_default();
         if let Some(moves) = built_in(name, 0.6 * depth) {
-            return Ok(Intent { moves, clearance_m: CLEARANCE, ..Intent::default() });
+            return Ok(Intent { clearance_m: CLEARANCE, ..Intent::of(moves) });
         }
         let path = Path::new(name);
         if !path.exists() && path.extension().is_none() {

@@ -143,7 +143,7 @@ pub fn press(body: &Body, capabilities: &Capabilities, stages: Stages, push: f64
     let a = curve.value(1e-3) / 1e-6;
     Pressed {
         stiffness: 2.0 * f64::sqrt(a * push),
-        cycle: Cycle::find(&places, period, 1e-7),
+        cycle: Cycle::find(&places, period, 1e-9),
         asked_n: asked / count,
         rendered_n: rendered / count,
         added_n: f64::sqrt(added / count),

@@ -66,6 +66,9 @@ pub struct Args {
     json: bool,
 }
 
+/// So many places are kept to look for cycles.
+const STEPS_MAX: f64 = 2e7;
+
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum DeviceName {
     Simulated,
@@ -81,6 +84,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     files::refuse_overwrite(&args.record.iter().collect::<Vec<_>>(), &inputs)?;
     let body = Body::open(&args.body)?;
     let setup = setup(args, &body)?;
+    let ablation = setup.ablation;
     let summary = match &args.record {
         None => closed_loop::run(&body, setup, |_, _| Ok(()))?,
         Some(path) => {
@@ -95,7 +99,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             summary.unwrap_or_default()
         }
     };
-    for warning in summary.warnings(&body) {
+    for warning in summary.warnings(&body, ablation) {
         console::note(&warning);
     }
     if args.json {
@@ -112,6 +116,9 @@ fn setup(args: &Args, body: &Body) -> anyhow::Result<Setup> {
     }
     if args.seconds.is_some_and(|s| !(s > 0.0 && s <= 1e5)) {
         bail!("--seconds {}: give a time above 0, up to 100,000 s", args.seconds.unwrap_or_default());
+    }
+    if args.seconds.is_some_and(|s| s * args.rate_hz > STEPS_MAX) {
+        bail!("--seconds and --rate-hz: more than {STEPS_MAX} periods; give a shorter time or a lower rate");
     }
     if args.coupling_n_per_m.is_some_and(|k| !(k > 0.0 && k <= 1e7)) {
         bail!("--coupling-n-per-m: give a stiffness above 0, up to 10,000,000 N/m");
