@@ -104,7 +104,7 @@ fn plane(k: f64) -> Result<Body> {
     })?)
 }
 
-/// One chart: what is on its x axis, how a case is made of it, and the predicted border.
+/// One chart, whose dots lie beside its border: what is on its x axis, how a case is made of it, and the predicted border.
 struct Chart {
     title: &'static str,
     x_label: &'static str,
@@ -120,21 +120,21 @@ const CHARTS: [Chart; 3] = [
     Chart {
         title: "no delay: b = K T/2",
         x_label: "damping b (N·s/m)",
-        x: (0.05, 2.0),
+        x: (0.058, 2.33),
         case: |damping, stiffness| Case { stiffness, damping, delay: 0.0, coulomb: 0.0, resolution: 0.0 },
         border: |b| 2.0 * b / PERIOD,
     },
     Chart {
         title: "one sample of delay: b = 3 K T/2",
         x_label: "damping b (N·s/m)",
-        x: (0.15, 6.0),
+        x: (0.175, 7.0),
         case: |damping, stiffness| Case { stiffness, damping, delay: PERIOD, coulomb: 0.0, resolution: 0.0 },
         border: |b| b / (1.5 * PERIOD),
     },
     Chart {
         title: "encoder of 0.05 mm: c = K e",
         x_label: "Coulomb friction c (N)",
-        x: (2.5e-3, 0.1),
+        x: (2.9e-3, 0.117),
         case: |coulomb, stiffness| Case {
             stiffness,
             damping: 2.5,
@@ -192,6 +192,12 @@ fn main() -> Result<()> {
     files::replace(&file, |out| Ok(out.write_all(&bytes)?))
 }
 
+/// A tick's number where it is 1, 2 or 5 times a power of ten: the others would run into each other.
+fn round(value: f64) -> String {
+    let digit = value / 10f64.powf((value * 1.001).log10().floor());
+    if [1.0, 2.0, 5.0].iter().any(|d| (digit - d).abs() < 0.01) { format!("{value}") } else { String::new() }
+}
+
 fn draw(panel: &Panel, chart: &Chart, points: &[(f64, f64, bool)]) -> Result<()> {
     let around = |(low, high): (f64, f64)| (low / 1.15..high * 1.15).log_scale();
     let mut context = ChartBuilder::on(panel)
@@ -206,10 +212,10 @@ fn draw(panel: &Panel, chart: &Chart, points: &[(f64, f64, bool)]) -> Result<()>
         .y_desc("stiffness K (N/m)")
         .axis_desc_style(("sans-serif", 19))
         .label_style(("sans-serif", 15))
-        .light_line_style(BLACK.mix(0.04))
+        .light_line_style(TRANSPARENT)
         .bold_line_style(BLACK.mix(0.12))
-        .x_label_formatter(&|v| format!("{v}"))
-        .y_label_formatter(&|v| format!("{v:.0}"))
+        .x_label_formatter(&|v| round(*v))
+        .y_label_formatter(&|v| round(*v))
         .draw()?;
     let of = |wanted: bool| points.iter().filter(move |p| p.2 == wanted).map(|p| (p.0, p.1));
     context
@@ -228,9 +234,9 @@ fn draw(panel: &Panel, chart: &Chart, points: &[(f64, f64, bool)]) -> Result<()>
         .legend(|(x, y)| PathElement::new([(x, y), (x + 20, y)], BLACK.stroke_width(3)));
     context
         .configure_series_labels()
-        .position(SeriesLabelPosition::UpperLeft)
+        .position(SeriesLabelPosition::LowerRight)
         .label_font(("sans-serif", 16))
-        .background_style(WHITE.mix(0.9))
+        .background_style(WHITE.mix(1.0))
         .border_style(BLACK.mix(0.3))
         .draw()
         .map_err(|e| anyhow!("{e}"))
