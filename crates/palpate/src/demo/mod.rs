@@ -61,10 +61,10 @@ fn write(
     started: Instant,
 ) -> Result<Vec<String>> {
     let [coarse, finer, _] = rates;
+    loops::picture(&into.join("loops.png"), &report.closed_loop)?;
     pictures::force(&into.join("force.png"), coarse)?;
     pictures::clicks(&into.join("clicks.png"), coarse)?;
     pictures::curves(&into.join("curves.png"), body)?;
-    loops::picture(&into.join("loops.png"), &report.closed_loop)?;
     view::body(&into.join("body.png"), body, coarse)?;
     for (((name, _), rollout), setting) in SETTINGS.iter().zip(&finer.settings).zip(&mut report.settings) {
         let loudness = sound::save(&into.join(format!("force-rate-{name}.wav")), finer, rollout)?;

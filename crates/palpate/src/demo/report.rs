@@ -1,7 +1,6 @@
 //! What the experiment found, as `report.json` holds it, and the bars it must reach.
 
 use super::experiment::{CLICK, Rate, Rollout, SETTINGS};
-use super::loops::Loops;
 use super::{cylinder, path, sound};
 use serde::Serialize;
 
@@ -32,7 +31,7 @@ pub struct Report {
     /// The WAV files.
     pub sound: SoundFacts,
     /// The closed loops.
-    pub closed_loop: Loops,
+    pub closed_loop: super::loops::Loops,
     /// Time that the rollouts, pictures and sounds took, s.
     pub seconds: f64,
 }
@@ -149,19 +148,12 @@ impl Report {
                 window_s: sound::WINDOW,
                 cut_samples: 0,
             },
-            closed_loop: Loops::default(),
+            closed_loop: super::loops::Loops::default(),
             seconds: 0.0,
         };
         report.shortfalls = report.judge();
         report.passed = report.shortfalls.is_empty();
         report
-    }
-
-    /// Adds the closed loops, and what they fell short of.
-    pub fn add_loops(&mut self, loops: Loops) {
-        self.shortfalls.extend(loops.judge());
-        self.passed = self.shortfalls.is_empty();
-        self.closed_loop = loops;
     }
 
     /// One sentence for each bar that was not reached.
@@ -175,6 +167,13 @@ impl Report {
             _ => Vec::new(),
         });
         snaps.into_iter().chain(settings).collect()
+    }
+
+    /// Adds the closed loops, and what they fell short of.
+    pub fn add_loops(&mut self, loops: super::loops::Loops) {
+        self.shortfalls.extend(loops.judge());
+        self.passed = self.shortfalls.is_empty();
+        self.closed_loop = loops;
     }
 }
 
