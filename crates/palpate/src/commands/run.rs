@@ -50,8 +50,8 @@ pub struct Args {
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
     /// Interpolation to take away, as in the paper's section 5
-    #[arg(long, value_enum)]
-    ablate: Option<super::trace::Ablate>,
+    #[arg(long, value_name = "NAME", value_parser = clap::builder::PossibleValuesParser::new(ABLATIONS.map(|a| a.0)))]
+    ablate: Option<String>,
     /// Touch the body through a virtual coupling of this stiffness
     #[arg(long, value_name = "K")]
     coupling_n_per_m: Option<f64>,
@@ -65,6 +65,10 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 }
+
+/// What can be taken away, by name.
+const ABLATIONS: [(&str, Ablation); 3] =
+    [("coordinates", Ablation::Coordinates), ("responses", Ablation::Responses), ("both", Ablation::Both)];
 
 /// So many places are kept to look for cycles.
 const STEPS_MAX: f64 = 2e7;
@@ -129,13 +133,15 @@ fn setup(args: &Args, body: &Body) -> anyhow::Result<Setup> {
     intent.adjust(&mut capabilities);
     let (hand, _) = presets::hand(&args.hand)
         .ok_or_else(|| anyhow!("--hand {}: give one of {}", args.hand, presets::HANDS.join(", ")))?;
+    let named = |name: &String| ABLATIONS.iter().find(|a| a.0 == name).map(|a| a.1);
+    let ablation = args.ablate.as_ref().and_then(named).unwrap_or(Ablation::None);
     Ok(Setup {
         capabilities,
         hand: intent.hand.unwrap_or(hand),
         intent,
         rate_hz: args.rate_hz,
         seconds: args.seconds,
-        ablation: args.ablate.map_or(Ablation::None, Into::into),
+        ablation,
         coupling_n_per_m: args.coupling_n_per_m,
         passivity: args.passivity,
     })

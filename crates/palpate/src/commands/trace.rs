@@ -50,20 +50,10 @@ enum Slip {
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
-pub(super) enum Ablate {
+enum Ablate {
     Coordinates,
     Responses,
     Both,
-}
-
-impl From<Ablate> for Ablation {
-    fn from(ablate: Ablate) -> Self {
-        match ablate {
-            Ablate::Coordinates => Ablation::Coordinates,
-            Ablate::Responses => Ablation::Responses,
-            Ablate::Both => Ablation::Both,
-        }
-    }
 }
 
 /// Runs the command.
@@ -79,7 +69,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     // A body of this version knows one rule, the one that can be asked for.
     let Slip::Paper = args.slip.unwrap_or(Slip::Paper);
-    let ablation = args.ablate.map_or(Ablation::None, Into::into);
+    let ablation = match args.ablate {
+        None => Ablation::None,
+        Some(Ablate::Coordinates) => Ablation::Coordinates,
+        Some(Ablate::Responses) => Ablation::Responses,
+        Some(Ablate::Both) => Ablation::Both,
+    };
 
     let mut summary = Summary::default();
     files::replace_or_stream(&args.output, |out| {
