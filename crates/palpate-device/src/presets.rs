@@ -170,8 +170,7 @@ pub fn hand(name: &str) -> Option<(Hand, Basis)> {
         "arm" => (
             hand(0.554, 6.45, 135.0),
             Basis::Measured(
-                "one trial of one person, vertical, HapticMaster (Scientific Reports 5, 18004, figure 3)"
-                    .into(),
+                "one trial of one person on a HapticMaster (Scientific Reports 5, 18004, figure 3)".into(),
             ),
         ),
         _ => return None,

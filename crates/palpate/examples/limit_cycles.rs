@@ -3,7 +3,7 @@
 //! `cargo run --release --example limit_cycles -- docs/images/limit-cycles.png`
 //!
 //! A tool of 0.1 kg without a hand's damping is pushed 4 mm into a paper plane, f = 100 k δ², by a constant force that
-//! ends with a small jerk; whether what is left of it dies down or not is seen in the minute after. The left and middle
+//! ends with a small jerk; whether what is left of it dies down or not is seen after that. The left and middle
 //! charts are for a damped tool, without and with one sample of delay; the right one for a tool with friction and an
 //! encoder of 0.05 mm, damped enough, that would rest between two steps of it.
 
@@ -24,8 +24,8 @@ use std::path::PathBuf;
 const PERIOD: f64 = 1e-3;
 /// How deep the push goes, m.
 const DEPTH: f64 = 4e-3;
-/// How long cycles are looked for, s.
-const REST: f64 = 60.0;
+/// How long cycles are looked for, s: where the border is sought, and for the dots, which keep away from it.
+const REST: [f64; 2] = [60.0, 20.0];
 
 /// A tool at a stiffness.
 #[derive(Debug, Clone, Copy)]
@@ -44,7 +44,7 @@ struct Case {
 
 impl Case {
     /// Whether the tool cycles.
-    fn cycles(&self) -> Result<bool> {
+    fn cycles(&self, seconds: f64) -> Result<bool> {
         // f = 100 k δ² has the slope 200 k δ and the force K δ/2. Between two steps of an encoder the rule's worst case.
         let depth = DEPTH + 0.5 * self.resolution;
         let force = 0.5 * self.stiffness * depth;
@@ -60,7 +60,7 @@ impl Case {
             *figure = Figure::chosen(value);
         }
         let push = |force_n, seconds| Move::Push { force_n, seconds };
-        let rest = Move::Hold { tremor_m: 0.0, tremor_hz: 0.0, seconds: REST };
+        let rest = Move::Hold { tremor_m: 0.0, tremor_hz: 0.0, seconds };
         let intent = Intent::of(vec![push(0.98 * force, 1.0), push(force, 0.02), rest]);
         let setup = Setup {
             capabilities,
@@ -80,7 +80,11 @@ impl Case {
         let (mut quiet, mut cycles) = (near / 4.0, near * 4.0);
         while cycles / quiet > 1.02 {
             let middle = (quiet * cycles).sqrt();
-            if (Case { stiffness: middle, ..*self }).cycles()? { cycles = middle } else { quiet = middle }
+            if (Case { stiffness: middle, ..*self }).cycles(REST[0])? {
+                cycles = middle
+            } else {
+                quiet = middle
+            }
         }
         Ok((quiet * cycles).sqrt())
     }
@@ -177,7 +181,7 @@ fn main() -> Result<()> {
             .into_par_iter()
             .map(|i| {
                 let (x, stiffness) = (spread(chart.x, i % GRID, GRID), spread(STIFFNESS, i / GRID, GRID));
-                Ok((x, stiffness, (chart.case)(x, stiffness).cycles()?))
+                Ok((x, stiffness, (chart.case)(x, stiffness).cycles(REST[1])?))
             })
             .collect()
     };
