@@ -131,9 +131,15 @@ fn options(
         TestPoints::At(points) if points.len() <= FEW && sizes.element_size_m.is_none() => &points[..],
         _ => &[],
     };
-    // Where few points have fine elements around them, the rest need only follow the body's shape.
-    let shape = (volume.cbrt() / 8.0).min(0.75 * volume / area);
-    let coarse = if few.is_empty() { tool / 2.0 } else { shape.max(tool / 2.0) };
+    let fine = tool / ACROSS;
+    let coarse = match few {
+        [] => tool / 2.0,
+        // What the body's shape needs; cells are halved, so that sizes in between would all become smaller.
+        _ => {
+            let shape = (volume.cbrt() / 8.0).min(0.75 * volume / area).max(tool / 2.0);
+            fine * libm::exp2(libm::log2(shape / fine).floor())
+        }
+    };
     let wanted = sizes.element_size_m.unwrap_or(coarse);
     let interior =
         |edge: f64| sizes.interior_size_m.unwrap_or(FillOptions::new(edge).interior_edge_m).max(edge);
@@ -164,11 +170,10 @@ fn options(
     }
     let mut options = FillOptions::new(edge);
     options.interior_edge_m = interior(edge);
-    let fine = tool / ACROSS;
     if !few.is_empty() && fine < edge {
         options.finer = few
             .iter()
-            .map(|p| Ball { centre: on(surface, *p), radius_m: 1.25 * tool, edge_m: fine })
+            .map(|p| Ball { centre: on(surface, *p), radius_m: 1.25 * tool, edge_m: SLACK * fine })
             .collect();
         let millimetres = fine * 1e3;
         notes.push(format!(
@@ -182,6 +187,8 @@ fn options(
 const FEW: usize = 3;
 /// Of those elements, edges along the tool's radius.
 const ACROSS: f64 = 5.0;
+/// Cells that a shape's length stretches a little are not halved.
+const SLACK: f64 = 1.2;
 
 /// The surface's node nearest to a point.
 fn on(surface: &TriangleMesh, p: DVec3) -> DVec3 {
