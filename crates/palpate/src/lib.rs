@@ -13,12 +13,14 @@
 //! ```
 
 pub mod bench;
+pub mod closed_loop;
 pub mod commands;
 pub mod console;
 pub mod csv_table;
 pub mod demo;
 pub mod files;
 pub mod inspect;
+pub mod intent;
 pub mod law;
 pub mod path;
 pub mod plot;

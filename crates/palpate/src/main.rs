@@ -21,6 +21,7 @@ enum Command {
     Inspect(commands::inspect::Args),
     Validate(commands::validate::Args),
     Trace(commands::trace::Args),
+    Run(commands::run::Args),
     Export(commands::export::Args),
     Bench(commands::bench::Args),
 }
@@ -35,6 +36,7 @@ fn main() -> ExitCode {
         Command::Inspect(args) => commands::inspect::run(&args),
         Command::Validate(args) => commands::validate::run(&args),
         Command::Trace(args) => commands::trace::run(&args),
+        Command::Run(args) => commands::run::run(&args),
         Command::Export(args) => commands::export::run(&args),
         Command::Bench(args) => commands::bench::run(&args),
     };

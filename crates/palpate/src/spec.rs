@@ -3,7 +3,7 @@
 mod material;
 mod response;
 mod simulation;
-mod source;
+pub(crate) mod source;
 mod tool;
 
 pub use material::{Law as MaterialLaw, Material, Volume};

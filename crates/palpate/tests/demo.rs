@@ -12,8 +12,10 @@ fn the_demo_passes_and_writes_everything() {
     let out = folder.path().join("results");
     let report = run(&out).unwrap();
     bars(&report);
+    closed_loops(&report);
     json(&out);
     pictures(&out);
+    assert!(std::fs::read(out.join("loops.png")).unwrap().starts_with(b"\x89PNG"));
     sound(&out);
     let words = std::fs::read_to_string(out.join("report.md")).unwrap();
     for name in files(&out) {
@@ -51,6 +53,16 @@ fn bars(report: &Report) {
         assert!(cycle.slip != "paper" || cycle.handed_out_j > 10.2e-3);
     }
     assert_eq!(report.slip_rules.len(), 6);
+}
+
+/// Sliding with the loop closed: next to no texture with both, twenty times as much or more without either; and resting
+/// inside, cycles without coordinates only.
+fn closed_loops(report: &Report) {
+    let textures: Vec<f64> = report.closed_loop.sliding.iter().map(|s| s.texture_n).collect();
+    let [both, ablated @ ..] = textures.as_slice() else { panic!("four slides") };
+    assert!(*both < 0.5e-3 && ablated.iter().all(|t| *t > 2e-3), "{textures:?}");
+    let cycling: Vec<u32> = report.closed_loop.resting.iter().map(|r| r.cycling).collect();
+    assert!(cycling[0] == 0 && cycling[1] > 0 && cycling[3] > 0, "{cycling:?}");
 }
 
 /// The body and path that are written give the experiment again, to the bit.

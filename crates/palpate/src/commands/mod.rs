@@ -7,6 +7,7 @@ pub mod fit;
 pub mod inspect;
 pub mod merge;
 pub mod precompute;
+pub mod run;
 pub mod trace;
 pub mod validate;
 

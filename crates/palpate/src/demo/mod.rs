@@ -6,6 +6,7 @@
 pub mod canvas;
 pub mod cylinder;
 pub mod experiment;
+pub mod loops;
 pub mod path;
 pub mod pictures;
 pub mod report;
@@ -41,6 +42,7 @@ pub fn run(folder: &Path) -> Result<Report> {
     let body = cylinder::body()?;
     let rates = [(1e3, true), (1e4, true), (1e5, false)].map(|(hz, keep)| roll_out(&body, hz, keep));
     let mut report = Report::new(&body, &rates);
+    report.add_loops(loops::run(&body)?);
     let files =
         write(unfinished.path(), folder, &body, &rates, &mut report, started).with_context(unwritable)?;
     for file in files {
@@ -60,6 +62,7 @@ fn write(
     started: Instant,
 ) -> Result<Vec<String>> {
     let [coarse, finer, _] = rates;
+    loops::picture(&into.join("loops.png"), &report.closed_loop)?;
     pictures::force(&into.join("force.png"), coarse)?;
     pictures::clicks(&into.join("clicks.png"), coarse)?;
     pictures::curves(&into.join("curves.png"), body)?;

@@ -33,6 +33,8 @@ pub struct Report {
     pub body: BodyFacts,
     /// The WAV files.
     pub sound: SoundFacts,
+    /// The closed loops.
+    pub closed_loop: super::loops::Loops,
     /// Time that the rollouts, pictures and sounds took, s.
     pub seconds: f64,
 }
@@ -150,6 +152,7 @@ impl Report {
                 window_s: sound::WINDOW,
                 cut_samples: 0,
             },
+            closed_loop: super::loops::Loops::default(),
             seconds: 0.0,
         };
         report.shortfalls = report.judge();
@@ -175,6 +178,13 @@ impl Report {
             _ => Vec::new(),
         });
         snaps.into_iter().chain(settings).collect()
+    }
+
+    /// Adds the closed loops, and what they fell short of.
+    pub fn add_loops(&mut self, loops: super::loops::Loops) {
+        self.shortfalls.extend(loops.judge());
+        self.passed = self.shortfalls.is_empty();
+        self.closed_loop = loops;
     }
 }
 

@@ -95,6 +95,20 @@ hands out nothing at all, but it clicks. `rules.png` shows the energy as it come
   where the contact point crosses an edge of the mesh.
 - `curves.png`: what is stored at the softest and the stiffest node.
 
+## With the loop closed
+
+In all of this the path is given and only the force is watched. At a device both answer each other: the force moves the hand,
+and the hand changes the force. So a simulated tool of 0.1 kg, held by fingers, slides over the cylinder at 30 mm/s, and then
+rests at {places} places within half a millimetre of an edge, inside the same tube with a wet wall (friction 0.05).
+
+{loops}
+- **Texture**: what of the force lies above 100 Hz, root mean square. The hand intends nothing there.
+- **Limit cycles**: rests at which the tool doesn't come to rest but swings on, restlessly, though the hand holds still. Inside,
+  an edge is a groove; without coordinates the force flips from side to side in it.
+
+To pass, the setting with both may have {texture} mN of texture and no cycle; the others must have {ablated_texture} mN, and without
+coordinates at least one rest must cycle. `loops.png` shows spectra and motions.
+
 ## What one hears
 
 `force-rate-both.wav` and its three siblings play how fast the force changes. Smooth touch changes too slowly to be
@@ -130,6 +144,10 @@ palpate trace {folder}/cylinder.body --path {folder}/path.csv -o jumps.csv --abl
         to = CLOSE_UP.end,
         coordinate_clicks = coordinates.clicks,
         response_clicks = responses.clicks,
+        loops = report.closed_loop.table(),
+        places = report.closed_loop.resting.first().map_or(0, |r| r.places),
+        texture = super::loops::TEXTURE_MAX * 1e3,
+        ablated_texture = super::loops::ABLATED_TEXTURE_MIN * 1e3,
         scale = sound.full_scale_n_per_s,
         window = sound.window_s * 1e3,
         cut = sound.cut_samples,

@@ -1,0 +1,31 @@
+//! Haptic devices as a loop sees them.
+//!
+//! A [`Device`] gives a [`Sample`] (where its handle is) and takes a [`Command`] (what force to render), once a period.
+//! [`Capabilities`] say what it can do, each figure with where it comes from. The crate knows nothing of bodies or of
+//! the engine: whoever joins them (palpate-runtime) maps the device's workspace onto the body's frame.
+//!
+//! # Order of calls
+//! `open`, then any number of periods of `read` and `write` in this order, then `close`. A device that was opened
+//! renders no force until the first `write`; `close` renders none again, may come at any time and more than once, and a
+//! closed device can be opened anew. Dropping an open device closes it.
+//!
+//! # Real-time
+//! `open` and `close` may allocate, wait and load libraries. `read` and `write` are for a loop's thread: bounded, no
+//! allocation, no lock that another thread could hold for long, no log; their error is a plain [`Fault`]. A driver
+//! whose protocol can't do that (sockets, a vendor's own thread) keeps a thread of its own behind its `read` and
+//! `write`.
+//!
+//! # Units and frame
+//! SI: m, rad, m/s, N, N·m, s. The device's frame is right-handed, as the operator who sits before it sees it: x to the
+//! right, y away from the operator, z up. Drivers whose vendor uses other axes or units convert.
+
+mod capabilities;
+mod device;
+mod error;
+pub mod presets;
+pub mod simulated;
+
+pub use capabilities::{Basis, Capabilities, Figure, Freedom, Mechanics, Pace, Rates, Workspace};
+pub use device::{Command, Device, Pose, Sample, Status};
+pub use error::{Fault, OpenError};
+pub use simulated::Simulated;

@@ -1,0 +1,41 @@
+//! The operator: an impedance, and what it wants.
+
+use glam::DVec3;
+use std::fmt;
+
+/// The operator's hand at the handle, alike in all directions: a mass that moves with the tool, and a spring and a
+/// damper to where the operator wants it to be.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Hand {
+    /// kg.
+    pub mass_kg: f64,
+    /// N·s/m.
+    pub damping_n_s_per_m: f64,
+    /// N/m.
+    pub stiffness_n_per_m: f64,
+}
+
+/// What the operator wants at a time.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Target {
+    /// Where the hand's spring pulls to, m, in the device's frame.
+    pub position_m: DVec3,
+    /// How fast that place moves, m/s.
+    pub velocity_m_per_s: DVec3,
+    /// A force that the hand exerts besides, N.
+    pub push_n: DVec3,
+}
+
+/// What the operator does, as a function of time: the same time gives the same target.
+pub trait Intent: Send + fmt::Debug {
+    /// The target at `time_s` since the beginning.
+    fn target(&self, time_s: f64) -> Target;
+
+    /// How long it takes, s.
+    fn duration_s(&self) -> f64;
+
+    /// The longest stretches (from, to), s, in which the target rests: where a loop may be judged for cycles.
+    fn rests(&self) -> Vec<(f64, f64)> {
+        Vec::new()
+    }
+}

@@ -1,0 +1,50 @@
+//! The haptic loop: where a device, a body and the engine meet.
+//!
+//! A [`HapticLoop`] holds all that evolves from period to period; [`HapticLoop::step`] is one period: read the pose,
+//! map it, step the engine, pass the output stages, write the force. It keeps no clock: the caller says what time it is,
+//! so the same loop runs against a clock or, with a [`Simulated`](palpate_device::Simulated) device, in virtual time, as
+//! fast as the machine can.
+//!
+//! [`Cycle`] tells afterwards whether a motion was at rest or cycled.
+//!
+//! ```
+//! # use palpate_body::{*, shape::Shape};
+//! use palpate_device::simulated::{Move, Script};
+//! use palpate_device::{Device, Simulated, presets};
+//! use palpate_engine::Contact;
+//! use palpate_runtime::{HapticLoop, Stages, WorkspaceMap};
+//! # let surface = Shape::Sphere { radius_mm: 30.0 }.surface(Default::default())?;
+//! # let responses = vec![Response::paper(600.0, 500.0, 0.3, 8e-3, 8e-3)?];
+//! # let body = Body::new(BodyParts { mixes: vec![NodeMix::own(0); surface.positions().len()], surface, responses,
+//! #     test_point_nodes: vec![0], lateral_tensors: None, tool: Tool::point(), slip: SlipRule::Paper,
+//! #     provenance: Provenance::default() })?;
+//! // Down by 5 mm on top of a ball of 30 mm, from 2 mm above it, in half a second.
+//! let (top, down, along) = ([0.0, 0.0, 30e-3].into(), [0.0, 0.0, -1.0].into(), [1.0, 0.0, 0.0].into());
+//! let script = Script::new(top, 2e-3, down, along, &[Move::Press { depth_m: 5e-3, seconds: 0.5 }])?;
+//! let (hand, _) = presets::hand("fingers").unwrap();
+//! let mut device = Simulated::new(presets::device("touch").unwrap(), hand, Box::new(script));
+//! let mut haptics = HapticLoop::new(Contact::new(&body), WorkspaceMap::default(), Stages::default());
+//! device.open()?;
+//! for period in 0..600 {
+//!     haptics.step(&body, &mut device, f64::from(period) * 1e-3)?;
+//! }
+//! // The spring of the hand has met the body's.
+//! assert!(device.force_n().z > 0.1 && device.position_m().z < 29e-3);
+//! device.close();
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Real-time
+//! `step` never allocates, locks, logs, or reads a clock or a file, as far as the device's `read` and `write` don't.
+
+mod closed_loop;
+mod coupling;
+mod cycle;
+mod map;
+mod passivity;
+
+pub use closed_loop::{HapticLoop, Period, Port, Stages};
+pub use coupling::Coupling;
+pub use cycle::Cycle;
+pub use map::WorkspaceMap;
+pub use passivity::PassivityController;

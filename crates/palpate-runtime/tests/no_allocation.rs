@@ -1,0 +1,42 @@
+//! A period of the loop allocates nothing, with all stages on: a forbidden allocation aborts the test.
+
+mod common;
+
+use assert_no_alloc::{AllocDisabler, assert_no_alloc};
+use common::plane;
+use glam::DVec3;
+use palpate_device::simulated::{Move, Script};
+use palpate_device::{Device, Simulated, presets};
+use palpate_engine::Contact;
+use palpate_runtime::{Coupling, HapticLoop, PassivityController, Stages, WorkspaceMap};
+
+#[global_allocator]
+static ALLOCATOR: AllocDisabler = AllocDisabler;
+
+#[test]
+fn a_period_allocates_nothing() {
+    let body = plane(600.0, 500.0, 0.3);
+    let moves = [
+        Move::Press { depth_m: 5e-3, seconds: 0.2 },
+        Move::Drag { along_m: 0.02, across_m: 5e-3, seconds: 0.4 },
+        Move::Tap { depth_m: -8e-3, times: 3, seconds: 0.4 },
+        Move::Hold { tremor_m: 3e-4, tremor_hz: 9.0, seconds: 0.3 },
+    ];
+    let script = Script::new(DVec3::new(1e-3, 2e-3, 0.0), 1e-3, -DVec3::Z, DVec3::X, &moves).unwrap();
+    let (hand, _) = presets::hand("fingers").unwrap();
+    let mut device = Simulated::new(presets::device("touch").unwrap(), hand, Box::new(script));
+    device.open().unwrap();
+    let stages = Stages {
+        coupling: Some(Coupling::new(800.0, 4000.0)),
+        passivity: Some(PassivityController::new(1e-3, 0.055)),
+        force_max_n: Some(3.3),
+    };
+    let mut closed = HapticLoop::new(Contact::new(&body), WorkspaceMap::default(), stages);
+    let mut touched = 0;
+    for k in 0..1300 {
+        let step = assert_no_alloc(|| closed.step(&body, &mut device, f64::from(k) * 1e-3)).unwrap();
+        touched += u32::from(step.output.flags.in_contact);
+        assert!(DVec3::from_array(step.command.force_n).length() <= 3.3 * (1.0 + 1e-12));
+    }
+    assert!(touched > 300, "{touched}");
+}

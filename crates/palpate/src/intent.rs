@@ -1,0 +1,323 @@
+//! What a simulated operator does: built in, or from a TOML file with the unit in every key.
+
+use crate::files;
+use crate::spec::source::{Row, Source};
+use anyhow::{Result, anyhow, bail};
+use glam::DVec3;
+use palpate_body::{Body, SurfacePoint};
+use palpate_device::simulated::{Hand, Move, Script};
+use palpate_device::{Capabilities, Figure};
+use serde::Deserialize;
+use std::path::Path;
+use toml::Spanned;
+
+/// The names of the built-in intents.
+pub const NAMES: [&str; 5] = ["press", "drag", "circle", "tap", "hold"];
+
+/// How far above the surface an operator begins if nothing else is said, m.
+const CLEARANCE: f64 = 2e-3;
+
+/// Moves and where they begin; and what of device and hand is other than the presets.
+#[derive(Debug, Clone, Default)]
+pub struct Intent {
+    /// The surface point that is nearest to this is touched, m in the body's frame; without it, the top.
+    pub at_m: Option<DVec3>,
+    /// Drags go this way.
+    pub along: Option<DVec3>,
+    /// How far above the surface it begins, m.
+    pub clearance_m: f64,
+    /// One after the other.
+    pub moves: Vec<Move>,
+    /// Of the hand.
+    pub hand: Option<Hand>,
+    device: RawDevice,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Raw {
+    #[serde(default)]
+    start: RawStart,
+    hand: Option<Spanned<RawHand>>,
+    device: Option<Spanned<RawDevice>>,
+    #[serde(rename = "move")]
+    moves: Vec<Spanned<RawMove>>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct RawStart {
+    at_mm: Option<Row<3>>,
+    along: Option<Row<3>>,
+    clearance_mm: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawHand {
+    mass_kg: f64,
+    damping_n_s_per_m: f64,
+    stiffness_n_per_m: f64,
+}
+
+/// Figures that replace a preset's.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawDevice {
+    mass_kg: Option<f64>,
+    damping_n_s_per_m: Option<f64>,
+    coulomb_n: Option<f64>,
+    resolution_mm: Option<f64>,
+    delay_ms: Option<f64>,
+    lag_ms: Option<f64>,
+    slew_n_per_s: Option<f64>,
+    max_force_n: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+enum RawMove {
+    Press {
+        depth_mm: f64,
+        seconds: f64,
+    },
+    Drag {
+        along_mm: f64,
+        #[serde(default)]
+        across_mm: f64,
+        seconds: f64,
+    },
+    Circle {
+        radius_mm: f64,
+        #[serde(default = "one")]
+        turns: f64,
+        seconds: f64,
+    },
+    Tap {
+        depth_mm: f64,
+        #[serde(default = "once")]
+        times: u32,
+        seconds: f64,
+    },
+    Hold {
+        #[serde(default)]
+        tremor_mm: f64,
+        #[serde(default = "nine")]
+        tremor_hz: f64,
+        seconds: f64,
+    },
+    Push {
+        force_n: f64,
+        seconds: f64,
+    },
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+fn once() -> u32 {
+    1
+}
+
+/// In the middle of what hands tremble with.
+fn nine() -> f64 {
+    9.0
+}
+
+impl RawMove {
+    fn si(&self) -> Move {
+        let m = |mm: f64| mm * 1e-3;
+        match *self {
+            RawMove::Press { depth_mm, seconds } => Move::Press { depth_m: m(depth_mm), seconds },
+            RawMove::Drag { along_mm, across_mm, seconds } => {
+                Move::Drag { along_m: m(along_mm), across_m: m(across_mm), seconds }
+            }
+            RawMove::Circle { radius_mm, turns, seconds } => {
+                Move::Circle { radius_m: m(radius_mm), turns, seconds }
+            }
+            RawMove::Tap { depth_mm, times, seconds } => Move::Tap { depth_m: m(depth_mm), times, seconds },
+            RawMove::Hold { tremor_mm, tremor_hz, seconds } => {
+                Move::Hold { tremor_m: m(tremor_mm), tremor_hz, seconds }
+            }
+            RawMove::Push { force_n, seconds } => Move::Push { force_n, seconds },
+        }
+    }
+}
+
+impl Intent {
+    /// These moves, begun on the surface at the body's top.
+    pub fn of(moves: Vec<Move>) -> Self {
+        Intent { moves, ..Intent::default() }
+    }
+
+    /// A built-in intent by its name, sized by how deep the body's curves go; or else the file of that name.
+    ///
+    /// # Errors
+    /// As [`Intent::read`]; and a name that is neither.
+    pub fn find(name: &str, body: &Body) -> Result<Self> {
+        let depth = body.responses().depth_knots().values().last().copied().unwrap_or_default();
+        if let Some(moves) = built_in(name, 0.6 * depth) {
+            return Ok(Intent { clearance_m: CLEARANCE, ..Intent::of(moves) });
+        }
+        let path = Path::new(name);
+        if !path.exists() && path.extension().is_none() {
+            bail!("--intent {name}: no such intent; give one of {}, or a TOML file", NAMES.join(", "));
+        }
+        Self::read(path)
+    }
+
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// It can't be read; an unknown or missing key; a value that is impossible. The message names the line.
+    pub fn read(path: &Path) -> Result<Self> {
+        let text = files::read_text(path)?;
+        let source = Source { path, text: &text };
+        let raw: Raw = toml::from_str(&text).map_err(|e| source.syntax(&e))?;
+        let not_negative = |span, what: &str, value: f64| {
+            if value >= 0.0 {
+                return Ok(value);
+            }
+            Err(source.error(span, &format!("{what} is {value}"), "give a number that is not negative"))
+        };
+        for the_move in &raw.moves {
+            let seconds = the_move.get_ref().si().seconds();
+            if !(seconds > 0.0 && seconds <= 1e4) {
+                return Err(source.error(
+                    the_move.span(),
+                    "seconds is not above 0, or beyond 10,000",
+                    "give a time",
+                ));
+            }
+        }
+        if let Some(hand) = &raw.hand {
+            let RawHand { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = *hand.get_ref();
+            for (what, value) in [
+                ("mass_kg", mass_kg),
+                ("damping_n_s_per_m", damping_n_s_per_m),
+                ("stiffness_n_per_m", stiffness_n_per_m),
+            ] {
+                not_negative(source.find_key(hand.span(), what), what, value)?;
+            }
+        }
+        if let Some(device) = &raw.device {
+            for (what, value) in device.get_ref().figures() {
+                not_negative(source.find_key(device.span(), what), what, value.unwrap_or_default())?;
+            }
+            if device.get_ref().mass_kg == Some(0.0) {
+                let span = source.find_key(device.span(), "mass_kg");
+                return Err(source.error(
+                    span,
+                    "mass_kg is 0",
+                    "give a mass: without one it can't be integrated",
+                ));
+            }
+        }
+        Ok(Intent {
+            at_m: raw.start.at_mm.map(|Row(mm)| DVec3::from_array(mm) * 1e-3),
+            along: raw.start.along.map(|Row(v)| DVec3::from_array(v)),
+            clearance_m: raw.start.clearance_mm.map_or(CLEARANCE, |mm| mm * 1e-3),
+            moves: raw.moves.iter().map(|m| m.get_ref().si()).collect(),
+            hand: raw.hand.map(|h| {
+                let RawHand { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = h.into_inner();
+                Hand { mass_kg, damping_n_s_per_m, stiffness_n_per_m }
+            }),
+            device: raw.device.map(Spanned::into_inner).unwrap_or_default(),
+        })
+    }
+
+    /// Puts the file's figures in the place of a preset's.
+    pub fn adjust(&self, capabilities: &mut Capabilities) {
+        let m = &mut capabilities.mechanics;
+        let d = &self.device;
+        for (figure, value) in [
+            (&mut m.mass_kg, d.mass_kg),
+            (&mut m.damping_n_s_per_m, d.damping_n_s_per_m),
+            (&mut m.coulomb_n, d.coulomb_n),
+            (&mut m.resolution_m, d.resolution_mm.map(|mm| mm * 1e-3)),
+            (&mut m.delay_s, d.delay_ms.map(|ms| ms * 1e-3)),
+            (&mut m.lag_s, d.lag_ms.map(|ms| ms * 1e-3)),
+            (&mut m.slew_n_per_s, d.slew_n_per_s),
+            (&mut capabilities.max_force_n, d.max_force_n),
+        ] {
+            if let Some(value) = value {
+                *figure = Figure::chosen(value);
+            }
+        }
+    }
+
+    /// Where on `body` it begins: the surface point, m, and the direction into the body there.
+    ///
+    /// # Errors
+    /// The body has no surface to touch, which no body has.
+    pub fn place(&self, body: &Body) -> Result<(DVec3, DVec3)> {
+        let near = self.at_m.unwrap_or_else(|| top(body));
+        let nearest = body.nearest(near, f64::INFINITY).ok_or_else(|| anyhow!("the body has no surface"))?;
+        Ok((body.point(nearest.at), inward(body, nearest.at)))
+    }
+
+    /// The moves at this place, seen from it.
+    ///
+    /// # Errors
+    /// Moves that don't go: the message says which.
+    pub fn script(&self, into: DVec3, radius_m: f64) -> Result<Script> {
+        let along = self.along.unwrap_or_else(|| {
+            // The axis that lies flattest, so that a built-in drag goes along a cylinder's or a block's axes.
+            let flat = |a: &DVec3| a.dot(into).abs();
+            DVec3::AXES.into_iter().min_by(|a, b| flat(a).total_cmp(&flat(b))).unwrap_or(DVec3::X)
+        });
+        // A sphere's reference point is its centre.
+        let place = into * -radius_m;
+        Script::new(place, self.clearance_m, into, along, &self.moves).map_err(|e| anyhow!("the intent: {e}"))
+    }
+}
+
+impl RawDevice {
+    fn figures(&self) -> [(&'static str, Option<f64>); 8] {
+        [
+            ("mass_kg", self.mass_kg),
+            ("damping_n_s_per_m", self.damping_n_s_per_m),
+            ("coulomb_n", self.coulomb_n),
+            ("resolution_mm", self.resolution_mm),
+            ("delay_ms", self.delay_ms),
+            ("lag_ms", self.lag_ms),
+            ("slew_n_per_s", self.slew_n_per_s),
+            ("max_force_n", self.max_force_n),
+        ]
+    }
+}
+
+/// The moves of a built-in intent that wants to be this deep, m.
+fn built_in(name: &str, depth_m: f64) -> Option<Vec<Move>> {
+    let down = Move::Press { depth_m, seconds: 0.5 };
+    let up = Move::Press { depth_m: -CLEARANCE, seconds: 0.5 };
+    let hold = |tremor_m, seconds| Move::Hold { tremor_m, tremor_hz: nine(), seconds };
+    Some(match name {
+        "press" => vec![down, hold(0.0, 1.5), up],
+        "drag" => vec![down, Move::Drag { along_m: 5.0 * depth_m, across_m: 0.0, seconds: 2.0 }, up],
+        "circle" => vec![down, Move::Circle { radius_m: 1.5 * depth_m, turns: 1.0, seconds: 2.0 }, up],
+        "tap" => vec![Move::Tap { depth_m: CLEARANCE + depth_m, times: 3, seconds: 2.0 }],
+        // A fifth of a millimetre: a calm hand's tremor is seen in tenths of a millimetre.
+        "hold" => vec![down, hold(0.2e-3, 2.0), up],
+        _ => return None,
+    })
+}
+
+/// The highest surface point above the middle of the nodes; of a ring, the highest node.
+fn top(body: &Body) -> DVec3 {
+    let nodes = body.nodes();
+    let middle = nodes.iter().map(|n| n.position).sum::<DVec3>() / nodes.len().max(1) as f64;
+    let highest = nodes.iter().map(|n| n.position).max_by(|a, b| a.z.total_cmp(&b.z)).unwrap_or_default();
+    let [above, below] =
+        [highest.z + 1e-3, nodes.iter().map(|n| n.position.z).fold(highest.z, f64::min) - 1e-3];
+    let at = |z: f64| DVec3::new(middle.x, middle.y, z);
+    body.first_touch(at(above), at(below), 0.0).map_or(highest, |touch| body.point(touch.at))
+}
+
+/// û at a surface point.
+fn inward(body: &Body, at: SurfacePoint) -> DVec3 {
+    let nodes = body.element_nodes(at.element);
+    let sum: DVec3 = nodes.iter().zip(at.n).map(|(node, n)| node.inward * n).sum();
+    sum.normalize()
+}

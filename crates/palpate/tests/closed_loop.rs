@@ -1,0 +1,151 @@
+//! `palpate run` from outside: presets, intents, records, JSON, complaints.
+
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// A block, flat where it is touched.
+const SPEC: &str = r#"
+[body.shape]
+kind = "block"
+size_mm = [80, 80, 40]
+edge_length_mm = 10
+[friction]
+coefficient = 0.3
+[deflection]
+normal_max_mm = 8
+lateral_max_mm = 8
+[response]
+law = "uniform"
+stiffness_n_per_m = 600
+lateral_stiffness_n_per_m = 500
+"#;
+
+struct Desk(tempfile::TempDir);
+
+impl Desk {
+    fn new() -> Self {
+        let desk = Desk(tempfile::tempdir().unwrap());
+        desk.write("spec.toml", SPEC);
+        assert!(desk.run("fit --spec spec.toml -o block.body").status.success());
+        desk
+    }
+
+    fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        fs::write(self.path().join(name), text).unwrap();
+    }
+
+    fn run(&self, args: &str) -> Output {
+        let words = args.split_whitespace();
+        Command::new(env!("CARGO_BIN_EXE_palpate")).args(words).current_dir(self.path()).output().unwrap()
+    }
+
+    fn simulated(&self, args: &str) -> Output {
+        self.run(&format!("run block.body --device simulated --virtual-time {args}"))
+    }
+
+    fn json(&self, args: &str) -> Value {
+        let output = self.simulated(&format!("{args} --json"));
+        assert!(output.status.success(), "{args}: {}", said(&output));
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+
+    fn refused(&self, args: &str, code: i32, words: &[&str]) {
+        let output = self.simulated(args);
+        assert_eq!(output.status.code(), Some(code), "{args}");
+        for word in words {
+            assert!(said(&output).contains(word), "{args}: {} has no `{word}`", said(&output));
+        }
+    }
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Every built-in intent touches, keeps the books, and stays within the sampling bound; a run repeats to the byte.
+#[test]
+fn built_in_intents_touch_and_keep_the_books() {
+    let desk = Desk::new();
+    for intent in ["press", "drag", "circle", "tap", "hold"] {
+        let run = desk.json(&format!("--intent {intent} --record {intent}.csv"));
+        let number = |path: &str| run.pointer(path).and_then(Value::as_f64).unwrap();
+        assert!(number("/contacts") >= 1.0 && number("/largest_force_n") > 0.1, "{intent}: {run}");
+        let ledger = number("/energy/work_j") - number("/energy/stored_j") - number("/energy/dissipated_j");
+        assert!(ledger.abs() < 1e-12, "{intent}");
+        let [gained, lost] = [
+            number("/mechanics/motor_j") + number("/mechanics/hand_j"),
+            number("/mechanics/viscous_j")
+                + number("/mechanics/coulomb_j")
+                + number("/mechanics/hand_damper_j"),
+        ];
+        assert!((gained - lost - number("/mechanics/held_j")).abs() < 1e-10, "{intent}: {gained} {lost}");
+        // On a flat face slip never raises W.
+        assert!(number("/out_j") + number("/energy/stored_j") <= number("/sampling_bound_j"), "{intent}");
+        assert_eq!(run["limit_cycles"], Value::Array(Vec::new()), "{intent}");
+        let first = fs::read(desk.path().join(format!("{intent}.csv"))).unwrap();
+        assert!(first.starts_with(b"time_s,x_m,") && first.len() > 100_000);
+        desk.json(&format!("--intent {intent} --record again.csv"));
+        assert!(first == fs::read(desk.path().join("again.csv")).unwrap(), "{intent} repeats");
+    }
+}
+
+/// The bench tool without a hand, pushed by 1 N and 2 N: MODEL's quiet and cycling stiffness, from a file.
+#[test]
+fn a_file_of_pushes_cycles_or_not() {
+    let desk = Desk::new();
+    let push = |force: f64| {
+        let text = format!(
+            "[start]\nclearance_mm = 0\n[[move]]\nkind = \"push\"\nforce_n = {force}\nseconds = 1\n\
+             [[move]]\nkind = \"hold\"\nseconds = 40\n"
+        );
+        desk.write("push.toml", &text);
+        desk.json("--preset bench --hand none --intent push.toml")
+    };
+    let (quiet, cycling) = (push(1.0), push(2.0));
+    assert_eq!(quiet["limit_cycles"].as_array().unwrap().len(), 0, "{quiet}");
+    let cycle = &cycling["limit_cycles"][0];
+    assert!(cycle["amplitude_m"].as_f64().unwrap() > 1e-3, "{cycling}");
+    assert_eq!(quiet["sampled_data"]["passive_up_to_n_per_m"].as_f64().unwrap().round(), 600.0);
+    // Either stage mends it.
+    for stage in ["--passivity", "--coupling-n-per-m 1000"] {
+        let mended = desk.json(&format!("--preset bench --hand none --intent push.toml {stage}"));
+        assert_eq!(mended["limit_cycles"].as_array().unwrap().len(), 0, "{stage}: {mended}");
+    }
+    assert!(said(&desk.simulated("--preset bench --hand none --intent push.toml")).contains("limit cycle"));
+}
+
+#[test]
+fn complaints_say_where() {
+    let desk = Desk::new();
+    desk.refused("--intent wave", 1, &["--intent wave", "press, drag"]);
+    desk.refused("--intent none.toml", 1, &["none.toml"]);
+    desk.refused("--preset pencil", 2, &["pencil"]);
+    desk.refused("--rate-hz 0", 1, &["--rate-hz 0"]);
+    desk.refused("--seconds -1", 2, &["-1"]);
+    desk.refused("--coupling-n-per-m 0", 1, &["--coupling-n-per-m"]);
+    desk.refused("--record block.body", 1, &["block.body", "input"]);
+    let wrong = [
+        ("[[move]]\nkind = \"press\"\nseconds = 1\n", "depth_mm"),
+        ("[[move]]\nkind = \"wave\"\nseconds = 1\n", "wave"),
+        ("[[move]]\nkind = \"press\"\ndepth_mm = 1\nseconds = 0\n", "wrong.toml:1: seconds"),
+        ("[device]\nmass_kg = 0\n[[move]]\nkind = \"hold\"\nseconds = 1\n", "wrong.toml:2: mass_kg"),
+        (
+            "[hand]\nmass_kg = 0\ndamping_n_s_per_m = -1\nstiffness_n_per_m = 0\n[[move]]\nkind = \"hold\"\nseconds = 1\n",
+            "wrong.toml:3: damping",
+        ),
+        ("[start]\nalong = [0, 0, 1]\n[[move]]\nkind = \"hold\"\nseconds = 1\n", "directions"),
+    ];
+    for (text, word) in wrong {
+        desk.write("wrong.toml", text);
+        desk.refused("--intent wrong.toml", 1, &[word]);
+    }
+    assert_eq!(desk.run("run block.body --device simulated").status.code(), Some(2));
+    let help = desk.run("run --help");
+    assert!(String::from_utf8_lossy(&help.stdout).contains("Example:"));
+}
