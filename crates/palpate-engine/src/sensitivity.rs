@@ -30,14 +30,14 @@ fn bound<L: Lateral>(mut site: Site<L>, at: SurfacePoint, tip: DVec3) -> Option<
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::field::{Ablation, Field};
     use palpate_body::shape::{Resolution, Shape};
     use palpate_body::{BodyParts, NodeMix, Provenance, Response, SlipRule, Tool, tensor};
 
     /// A ball with responses, and tensors up to `ratio`, that differ from node to node; softening sideways.
-    fn ball(ratio: f64) -> Body {
+    pub(crate) fn ball(ratio: f64) -> Body {
         let shape = Shape::Sphere { radius_mm: 30.0 };
         let edge = Resolution { edge_length_mm: Some(8.0), ..Default::default() };
         let surface = shape.surface(edge).unwrap();
