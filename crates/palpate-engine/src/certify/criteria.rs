@@ -8,7 +8,8 @@ use super::patch::{Cell, Patch, View};
 /// A certificate's criterion: of each the least value over all slip states is sought.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Criterion {
-    /// P: the energy that a slip takes out for each metre of way, by the normal force: g·t/f_z, without unit.
+    /// P: the energy that a slip takes out for each metre of way, as a share of the forces: g·t/(f_z + f_r), without
+    /// unit.
     Passive,
     /// S: how fast a slip takes the drive to its limit, η, N/m.
     SnapFree,
@@ -145,18 +146,27 @@ pub(super) fn limit_reach(patch: &Patch, state: &Cell) -> f64 {
 
 /// f_r/f_z and the normal force, of the states in a cell that slip. `None` where none do.
 fn slipping(patch: &Patch, cell: &Cell, frame: &Frame) -> Option<(Interval, Interval)> {
-    let normal = patch.normal.rising(&cell.corners, cell.depth_m);
-    let lateral = patch.lateral.rising(&cell.corners, cell.reach_m);
-    let friction = patch.friction.hull(&cell.corners, cell.depth_m);
-    let least = friction.lo.max(0.0) / frame.gain.hi;
-    let over = if normal.lo > 0.0 { patch.overshoot_n / normal.lo } else { f64::INFINITY };
-    let most = (friction.hi + over) / frame.gain.lo;
-    let quotient = |a: f64, b: f64| if a == 0.0 { 0.0 } else { a / b };
-    let low = quotient(lateral.lo, normal.hi).max(least);
-    let high = if lateral.hi == 0.0 { 0.0 } else { lateral.hi / normal.lo }.min(most);
+    let (n, step) = (&cell.corners, patch.step_m);
+    let normal = patch.normal.rising(n, cell.depth_m);
+    let lateral = patch.lateral.rising(n, cell.reach_m);
+    let friction = patch.friction.hull(n, cell.depth_m);
     // A state on the very limit slips.
-    let rounding = 1.0 + 1e-12;
-    (low <= high * rounding && normal.hi > 0.0).then(|| (Interval::new(low, high.max(low)), normal))
+    let rounding = 1.0 - 1e-12;
+    if normal.hi <= 0.0 || lateral.hi * frame.gain.hi < friction.lo * normal.lo * rounding {
+        return None;
+    }
+    // The tool came from a state within the limit, no farther than a step away.
+    let [shallow, deep] = cell.depth_m;
+    let around = [(shallow - step).max(0.0), deep + step];
+    let held = patch.friction.hull(n, around).hi * patch.normal.rising(n, around).hi;
+    let before = (cell.reach_m[0] - step * patch.stretch()[1].sqrt()).max(0.0);
+    if patch.lateral.rising(n, [before; 2]).lo * frame.gain.lo * rounding > held {
+        return None;
+    }
+    let quotient = |a: f64, b: f64| if a == 0.0 { 0.0 } else { a / b };
+    let low = quotient(lateral.lo, normal.hi).max(friction.lo.max(0.0) / frame.gain.hi);
+    let high = quotient(lateral.hi, normal.lo);
+    Some((Interval::new(low, high.max(low)), normal))
 }
 
 impl Criterion {
@@ -193,9 +203,15 @@ impl Criterion {
     }
 }
 
-/// The least of y B + C.
+/// The least of (y B + C)/(1 + y), which lies at an end of y.
 fn gain(y: Interval, b: Interval, c: Interval) -> f64 {
-    (if b.lo >= 0.0 { y.lo * b.lo } else { y.hi * b.lo }) + c.lo
+    let at = |y: f64| {
+        let share = if y < f64::INFINITY { y / (1.0 + y) } else { 1.0 };
+        let rest = 1.0 - share;
+        // Nothing of the normal force is left, however it may change.
+        b.lo * share + if rest == 0.0 { 0.0 } else { c.lo * rest }
+    };
+    at(y.lo).min(at(y.hi))
 }
 
 /// g·t/f_z = (f_r/f_z) B + C, for each way that slip can take: of each B and C.

@@ -23,8 +23,8 @@ pub use search::{Bounds, Effort, least};
 /// For which motions a certificate holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Assumptions {
-    /// Longest way of the tool from one step to the next, m: a slip begins no farther beyond the friction limit than
-    /// this can take it.
+    /// Longest way of the tool from one step to the next, m: a slip begins no farther from a state within the friction
+    /// limit.
     pub step_m: f64,
     /// Deepest δz, m; none is the curves' last knot.
     pub depth_m: Option<f64>,

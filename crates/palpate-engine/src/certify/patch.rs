@@ -129,8 +129,8 @@ pub struct Patch {
     pub(super) reach_m: f64,
     /// Whether friction holds farther than that.
     pub(super) beyond: bool,
-    /// Where a slip may begin: at most this far over the limit, N.
-    pub(super) overshoot_n: f64,
+    /// The tool's longest step, m.
+    pub(super) step_m: f64,
     /// How far the way of a slip may be aside of the drive, rad.
     pub(super) aside: f64,
 }
@@ -182,22 +182,15 @@ impl Patch {
             depth_end_m: 0.0,
             reach_m: 0.0,
             beyond: false,
-            overshoot_n: 0.0,
+            step_m: assumptions.step_m,
             aside: assumptions.aside_rad,
         };
         patch.depth_end_m = assumptions.depth_m.unwrap_or(patch.normal.end()).min(patch.normal.end());
-        // From within the limit at the tip before, a step can take the drive over it by its length times the steepest of
-        // both.
-        let whole = &WHOLE;
-        let depth = [0.0, patch.depth_end_m];
-        let normal = patch.normal.rising(whole, depth).hi;
-        let limit = patch.friction.hull(whole, depth).hi * normal;
-        let limit_slope = patch.friction.slope(whole, depth).magnitude() * normal
-            + patch.friction.hull(whole, depth).hi * patch.normal.slope(whole, depth).hi;
-        let [least, greatest] = patch.stretch();
-        let lateral_slope = patch.lateral.slope(whole, [0.0, 2.0 * patch.lateral.end()]).hi * greatest;
-        patch.overshoot_n = assumptions.step_m * lateral_slope.hypot(limit_slope);
-        let reach = patch.lateral.reaches((limit + patch.overshoot_n) / least.sqrt());
+        // Within the limit before the step, a step deeper: the limit then is the most that friction can hold.
+        let depth = [0.0, patch.depth_end_m + patch.step_m];
+        let held = patch.friction.hull(&WHOLE, depth).hi * patch.normal.rising(&WHOLE, depth).hi;
+        let [least, greatest] = patch.stretch().map(f64::sqrt);
+        let reach = patch.lateral.reaches(held / least) + patch.step_m * greatest;
         let farthest = FARTHEST * patch.lateral.end();
         patch.beyond = reach > farthest;
         patch.reach_m = reach.min(farthest);
