@@ -15,6 +15,8 @@ pub enum Criterion {
     SnapFree,
     /// L: the force's Lipschitz constant, negative, N/m.
     Lipschitz,
+    /// How far the contact point goes for each metre of the tool's way while it slips, negative.
+    Pace,
     /// E4: the friction that the cell needs, negative: 0 where it is passive as it is.
     Floor,
 }
@@ -195,9 +197,13 @@ impl Criterion {
                 -passive(patch, cell, &view, &frame).map(needs).fold(0.0, f64::max)
             }
             Criterion::SnapFree => slope(patch, cell, &view, &frame, normal).eta.lo,
-            Criterion::Lipschitz => {
+            Criterion::Lipschitz | Criterion::Pace => {
                 let s = slope(patch, cell, &view, &frame, normal);
-                if s.eta.lo > 0.0 { -(s.stick + s.force * s.excess / s.eta.lo) } else { f64::NEG_INFINITY }
+                if s.eta.lo <= 0.0 {
+                    return f64::NEG_INFINITY;
+                }
+                let pace = s.excess / s.eta.lo;
+                -if self == Criterion::Pace { pace } else { s.stick + s.force * pace }
             }
         }
     }

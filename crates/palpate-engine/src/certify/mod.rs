@@ -17,8 +17,8 @@ mod search;
 mod tests;
 
 pub use criteria::Criterion;
-pub use patch::{Cell, Patch};
-pub use search::{Bounds, Effort, least};
+pub use patch::{Cell, Patch, State};
+pub use search::{Bounds, Effort, ROUNDING, least};
 
 /// For which motions a certificate holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,11 +30,13 @@ pub struct Assumptions {
     pub depth_m: Option<f64>,
     /// How far aside of the drive the way of a slip may be, rad: the slip search follows the drive in straight pieces.
     pub aside_rad: f64,
+    /// What the body's friction is multiplied by.
+    pub friction_factor: f64,
 }
 
 impl Default for Assumptions {
     /// 1 mm, as of a hand at 1 m/s and 1 kHz; 3°, more than a body turns over the way of such a slip.
     fn default() -> Self {
-        Assumptions { step_m: 1e-3, depth_m: None, aside_rad: 0.05 }
+        Assumptions { step_m: 1e-3, depth_m: None, aside_rad: 0.05, friction_factor: 1.0 }
     }
 }

@@ -107,11 +107,28 @@ impl Cell {
     }
 }
 
+/// A slip state in the body's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct State {
+    /// c, m.
+    pub contact: DVec3,
+    /// û.
+    pub inward: DVec3,
+    /// The lateral deflection's direction in the element, a unit vector.
+    pub along: DVec3,
+    /// δ_t, m.
+    pub lateral: DVec3,
+    /// x, m.
+    pub tip: DVec3,
+}
+
 /// An element, its frames and its curves.
 #[derive(Debug, Clone)]
 pub struct Patch {
     /// In the element: x along the first edge, z its inward normal; all vectors below are in this basis.
     axes: [DVec3; 3],
+    /// In the body's frame, m.
+    corners: [DVec3; 3],
     /// ∇n of the three nodes, 1/m.
     gradients: [DVec2; 3],
     /// Of the three nodes.
@@ -162,9 +179,12 @@ impl Patch {
             })
         });
         let normal = depth_rows.iter().map(|r| r.map(|[i, a, b, c, d, ..]| ([a, b, c, d], i)));
-        let friction = depth_rows.iter().map(|r| r.map(|[.., a, b, c, d]| ([a, b, c, d], 0.0)));
+        let factor = assumptions.friction_factor;
+        let friction =
+            depth_rows.iter().map(|r| r.map(|[.., a, b, c, d]| ([a, b, c, d].map(|x| x * factor), 0.0)));
         let mut patch = Patch {
             axes,
+            corners: [p, q, r],
             gradients: [-g1 - g2, g1, g2],
             frames: nodes.map(|n| local(n.inward)),
             tensors: (!body.is_isotropic()).then(|| {
@@ -214,17 +234,42 @@ impl Patch {
         self.tensors.as_ref().map_or([1.0; 2], |(_, range)| *range)
     }
 
-    /// Of a state: the unit vector along the projection of its lateral deflection, û, and the deflection's own
-    /// direction, in the body's frame.
-    pub fn directions(&self, state: &Cell) -> [DVec3; 3] {
-        let n = state.corners[0];
+    /// A [`Cell`] without extent, as a place and a deflection.
+    pub fn state(&self, cell: &Cell) -> State {
+        let n = cell.corners[0];
         let body = |v: DVec3| self.axes[0] * v.x + self.axes[1] * v.y + self.axes[2] * v.z;
-        let (sin, cos) = state.turn[0].sin_cos();
+        let (sin, cos) = cell.turn[0].sin_cos();
         let d = DVec3::new(cos, sin, 0.0);
         let frame: DVec3 = (0..3).map(|l| self.frames[l] * n[l]).sum();
         let u = frame.normalize();
         let e = (d - DVec3::Z * (d.dot(u) / u.z)).normalize();
-        [body(d), body(u), body(e)]
+        let q = self.tensors.as_ref().map_or(1.0, |(tensors, _)| {
+            (0..3).map(|l| n[l] * e.dot(tensors[l] * e)).sum::<f64>().sqrt()
+        });
+        let contact: DVec3 = (0..3).map(|l| self.corners[l] * n[l]).sum();
+        let lateral = body(e) * (cell.reach_m[0] / q);
+        let tip = contact + body(u) * (cell.depth_m[0] - self.radius_m) + lateral;
+        State { contact, inward: body(u), along: body(d), lateral, tip }
+    }
+
+    /// The same place and depth, as far aside in the same direction as friction just holds.
+    pub fn at_limit(&self, cell: &Cell) -> Cell {
+        Cell { reach_m: [super::criteria::limit_reach(self, cell); 2], ..*cell }
+    }
+
+    /// The contact point moved along the element, by `way` (m) in the direction of the lateral deflection; none beyond
+    /// its sides.
+    pub fn moved(&self, cell: &Cell, way: f64) -> Option<Cell> {
+        let (sin, cos) = cell.turn[0].sin_cos();
+        let n: [f64; 3] = std::array::from_fn(|i| {
+            cell.corners[0][i] + way * (cos * self.gradients[i].x + sin * self.gradients[i].y)
+        });
+        n.iter().all(|n| *n >= 0.0).then_some(Cell { corners: [n; 3], ..*cell })
+    }
+
+    /// Whether friction can hold deflections beyond ten times what the lateral curves know; those are not followed.
+    pub fn holds_too_far(&self) -> bool {
+        self.beyond
     }
 
     /// The cell's vectors, in a basis turned to its middle direction.

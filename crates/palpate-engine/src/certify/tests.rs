@@ -6,7 +6,7 @@ use crate::lateral::{Isotropic, Lateral, Stretch};
 use crate::sensitivity;
 use crate::sensitivity::tests::ball;
 use glam::DVec3;
-use palpate_body::{Body, SurfacePoint, tensor};
+use palpate_body::{Body, SurfacePoint};
 
 /// Numbers in [0, 1).
 fn chance(mut seed: u64) -> impl FnMut() -> f64 {
@@ -23,7 +23,7 @@ fn anywhere(unit: &mut impl FnMut() -> f64) -> [f64; 3] {
 }
 
 /// Straight along the drive, from any overshoot.
-const EXACT: Assumptions = Assumptions { step_m: 1.0, depth_m: None, aside_rad: 0.0 };
+const EXACT: Assumptions = Assumptions { step_m: 1.0, depth_m: None, aside_rad: 0.0, friction_factor: 1.0 };
 
 #[test]
 fn formulas_are_those_of_finite_differences() {
@@ -41,11 +41,8 @@ fn compare<L: Lateral>(bodies: &[Body]) {
         let n = anywhere(&mut unit).map(|n| 0.02 + 0.94 * n);
         let (depth, turn, reach) = (1e-4 + 7e-3 * unit(), 6.0 * unit(), 3e-4 + 6e-3 * unit());
         let state = Cell { corners: [n; 3], depth_m: [depth; 2], turn: [turn; 2], reach_m: [reach; 2] };
-        let [d, u, e] = patch.directions(&state);
-        let a = L::mix(L::nodes(body, element), n);
-        let lateral = reach / e.dot(tensor::apply(&a, e)).sqrt();
-        let c = body.point(SurfacePoint { element, n });
-        let tip = c + u * (depth - body.tool().radius_m) + e * lateral;
+        let at = patch.state(&state);
+        let (tip, d) = (at.tip, at.along);
         let law = Law { ablation: Ablation::None, radius_m: body.tool().radius_m };
         let mut site = Site::<L>::new(body, law, element);
         let f = site.evaluate(n, tip);
