@@ -13,6 +13,7 @@
 //! ```
 
 pub mod bench;
+pub mod certify;
 pub mod commands;
 pub mod console;
 pub mod csv_table;

@@ -17,9 +17,13 @@ pub enum Criterion {
     Lipschitz,
     /// How far the contact point goes for each metre of the tool's way while it slips, negative.
     Pace,
-    /// E4: the friction that the cell needs, negative: 0 where it is passive as it is.
+    /// E4: the friction with which P has 1 % to spare, negative: 0 where that is so as it is.
     Floor,
 }
+
+/// What P must have to spare with the friction that [`Criterion::Floor`] asks for: a floor without any could never be
+/// proved to be one.
+const SLACK: f64 = 0.01;
 
 /// A cell's frame, and where the lateral deflection leads.
 struct Frame {
@@ -187,11 +191,12 @@ impl Criterion {
                 .fold(f64::INFINITY, f64::min),
             Criterion::Floor => {
                 let needs = |(b, c): (Interval, Interval)| {
-                    if gain(ratio, b, c) >= 0.0 {
+                    if gain(ratio, b, c) >= SLACK {
                         return 0.0;
                     }
-                    // Passive from f_r/f_z = −C/B on; or nowhere in the cell.
-                    let enough = if b.lo > 0.0 { -c.lo / b.lo } else { f64::INFINITY };
+                    // y B + C = SLACK (1 + y) is enough; or y is nowhere so large in the cell.
+                    let rest = b.lo - SLACK;
+                    let enough = if rest > 0.0 { (SLACK - c.lo) / rest } else { f64::INFINITY };
                     enough.min(ratio.hi) * frame.gain.hi
                 };
                 -passive(patch, cell, &view, &frame).map(needs).fold(0.0, f64::max)
