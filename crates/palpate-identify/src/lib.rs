@@ -38,5 +38,5 @@ pub use error::FitError;
 pub use fit::{Fit, FitOptions, FitReport, PointReport, fit};
 pub use paths::{DragRecord, PathFit, PathOptions, PointFit, PointRecord, fit_paths, fit_point};
 pub use samples::{Component, Sample, read_samples};
-pub use spread::{spread, spread_guided};
+pub use spread::spread;
 pub use test_points::{Amount, test_points, touchable};

@@ -87,8 +87,8 @@ const LEAST_SLOPE: f64 = 0.01;
 ///
 /// # Errors
 /// Rows that don't ascend, numbers that are not finite, directions that are no unit vectors, two records on one node,
-/// no record with pressed states, or none with drags, more than [`MAX_KNOTS`] knots, or a guide that
-/// [`crate::spread_guided`] would refuse.
+/// no record with pressed states, or none with drags, more than [`MAX_KNOTS`] knots, or a guide that is
+/// not one positive number for each node.
 pub fn fit_paths(
     surface: &Surface,
     records: &[PointRecord],

@@ -7,7 +7,6 @@
 
 use crate::error::FitError;
 use crate::geodesic::{Geodesic, Lists, NONE, vertex_positions};
-use crate::test_points::check_guide;
 use glam::DVec3;
 use palpate_body::{NodeMix, Surface};
 
@@ -37,29 +36,11 @@ pub fn spread(surface: &Surface, test_point_nodes: &[u32]) -> Result<Vec<NodeMix
         .collect()
 }
 
-/// As [`spread`], with weights bent so that each node's mix gives the number that `guide` has for it, where the guide
-/// is positive and known to go with the responses, such as the stiffness of a linear body.
-///
-/// The weights are wᵢ = nᵢ / (1 + θ (gᵢ − g)), with nᵢ those of [`spread`] and θ such that Σ wᵢ gᵢ = g: of all that
-/// satisfy it, the nearest to nᵢ by Σ nᵢ ln(nᵢ/wᵢ) (empirical likelihood, Owen 1988). They sum to 1 by themselves.
-/// Where g is beyond all three test points' the mix is the nearest of them.
-///
-/// # Errors
-/// As [`spread`], or a guide that is not one positive number for each node.
-pub fn spread_guided(
-    surface: &Surface,
-    test_point_nodes: &[u32],
-    guide: &[f64],
-) -> Result<Vec<NodeMix>, FitError> {
-    check_guide(Some(guide), surface.positions().len())?;
-    let mut mixes = spread(surface, test_point_nodes)?;
-    for (mix, &g) in mixes.iter_mut().zip(guide) {
-        follow(mix, mix.test_points.map(|t| guide[test_point_nodes[t as usize] as usize]), g);
-    }
-    Ok(mixes)
-}
-
 /// Bends a mix so that it makes `target` of its test points' values; all are positive.
+///
+/// Of the values v and the target t, gᵢ = vᵢ/t − 1: weights are wᵢ = nᵢ / (1 + θ gᵢ) with nᵢ those before, and θ such that
+/// Σ wᵢ gᵢ = 0: of all that satisfy it, the nearest to nᵢ by Σ nᵢ ln(nᵢ/wᵢ) (empirical likelihood, Owen 1988). They sum
+/// to 1 by themselves. Where the target is beyond all three values the mix is the nearest of them.
 pub(crate) fn follow(mix: &mut NodeMix, values: [f64; 3], target: f64) {
     mix.weights = bend(mix.weights, values.map(|value| value / target - 1.0));
 }

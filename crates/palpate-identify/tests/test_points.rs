@@ -3,7 +3,7 @@
 use glam::DVec3;
 use palpate_body::shape::{Resolution, Shape};
 use palpate_body::{NodeMix, Surface, TriangleMesh};
-use palpate_identify::{Amount, spread, spread_guided, test_points, touchable};
+use palpate_identify::{Amount, spread, test_points, touchable};
 
 fn ball() -> Surface {
     Shape::Sphere { radius_mm: 30.0 }
@@ -89,41 +89,6 @@ fn points_are_denser_where_the_surface_turns_and_the_guide_changes() {
     let points = test_points(&flat, &all(&flat), Amount::Count(60), Some(&guide)).unwrap();
     let right = points.iter().filter(|&&n| flat.positions()[n as usize].x > 30e-3).count();
     assert!(right > 33, "{right} of 60 where the guide changes");
-}
-
-#[test]
-fn guided_mixes_give_the_guide() {
-    let surface = ball();
-    let guide: Vec<f64> = surface
-        .positions()
-        .iter()
-        .map(|p| 100.0 * (1.0 + (p.x * 60.0).sin() * (p.y * 45.0).cos() * 0.7))
-        .collect();
-    let points = test_points(&surface, &all(&surface), Amount::Count(60), Some(&guide)).unwrap();
-    let error = |mixes: &[NodeMix]| {
-        let value = |m: &NodeMix| {
-            (0..3).map(|j| m.weights[j] * guide[points[m.test_points[j] as usize] as usize]).sum::<f64>()
-        };
-        let mut errors: Vec<f64> =
-            mixes.iter().zip(&guide).map(|(m, g)| (value(m) / g - 1.0).abs()).collect();
-        errors.sort_by(f64::total_cmp);
-        (errors[errors.len() / 2], errors[errors.len() * 9 / 10])
-    };
-    let guided = spread_guided(&surface, &points, &guide).unwrap();
-    for mix in &guided {
-        assert!(
-            mix.weights.iter().all(|&w| w >= 0.0) && (mix.weights.iter().sum::<f64>() - 1.0).abs() < 1e-12
-        );
-    }
-    let (median, p90) = error(&guided);
-    let (plain_median, plain_p90) = error(&spread(&surface, &points).unwrap());
-    println!("guided {median:.2e} {p90:.2e}, plain {plain_median:.2e} {plain_p90:.2e}");
-    assert!(median < 1e-9 && p90 < 0.7 * plain_p90, "{median} {p90} {plain_median} {plain_p90}");
-    // A guide that is the same everywhere changes nothing.
-    let same = spread_guided(&surface, &points, &vec![5.0; guide.len()]).unwrap();
-    for (a, b) in same.iter().zip(spread(&surface, &points).unwrap()) {
-        assert!((0..3).all(|j| (a.weights[j] - b.weights[j]).abs() < 1e-12), "{a:?} {b:?}");
-    }
 }
 
 #[test]

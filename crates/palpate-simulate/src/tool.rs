@@ -51,9 +51,6 @@ pub trait Shape: Debug + Send + Sync {
     /// Signed distance of `point` from the surface, negative inside, m; and its gradient, a unit vector that points
     /// out of the shape.
     fn distance(&self, point: DVec3) -> (f64, DVec3);
-
-    /// Radius of a ball about the tip that holds the shape, m.
-    fn reach_m(&self) -> f64;
 }
 
 /// A signed distance and its derivatives by the point.
@@ -119,16 +116,6 @@ impl Tool {
                 let (value, gradient) = shape.distance(point);
                 Distance { value, gradient, hessian: DMat3::ZERO }
             }
-        }
-    }
-
-    /// Radius of a ball about the tip that holds the tool, m; infinite for what has no other end.
-    pub fn reach_m(&self) -> f64 {
-        match *self {
-            Tool::Sphere { radius_m } => 2.0 * radius_m,
-            Tool::Capsule { radius_m, length_m } => 2.0 * radius_m + length_m,
-            Tool::Cone { .. } | Tool::FlatPunch { .. } => f64::INFINITY,
-            Tool::Other(ref shape) => shape.reach_m(),
         }
     }
 

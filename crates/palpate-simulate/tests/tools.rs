@@ -221,10 +221,6 @@ impl Shape for Below {
     fn distance(&self, point: DVec3) -> (f64, DVec3) {
         (point.z, DVec3::Z)
     }
-
-    fn reach_m(&self) -> f64 {
-        0.3
-    }
 }
 
 #[test]
@@ -232,7 +228,6 @@ fn other_shapes_join() {
     let tool = Tool::Other(Arc::new(Below));
     let found = Placement::pressing(DVec3::ZERO, DVec3::X).distance_at(&tool, dvec3(0.25, 4.0, 0.0));
     assert!((found.value - 0.25).abs() < 1e-15 && found.hessian == DMat3::ZERO);
-    assert_eq!(tool.reach_m(), 0.3);
 }
 
 #[test]
@@ -251,9 +246,5 @@ fn lengths_are_checked() {
     refused(Tool::Capsule { radius_m: 0.01, length_m: f64::INFINITY }, "length");
     for tool in tools() {
         tool.validate().unwrap();
-        // Nothing of the tool is out of reach.
-        for [r, z] in outline(&tool) {
-            assert!(r.hypot(z) <= tool.reach_m() * (1.0 + 1e-12));
-        }
     }
 }

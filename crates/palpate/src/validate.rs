@@ -6,7 +6,6 @@
 //!
 //! Where the error comes from shows when the body's answer is replaced, step by step, by better ones: see [`Source`].
 
-use crate::plot::{Line, LineChart};
 use crate::trace::rollout;
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
@@ -17,8 +16,10 @@ use palpate_simulate::{Drag, Path as LoadPath, PointPaths, PointPlan};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::f64::consts::TAU;
-use std::fmt::Write as _;
-use std::io::Write;
+
+mod report;
+
+pub use report::Measure;
 
 /// What paths to try.
 #[derive(Debug, Clone, PartialEq)]
@@ -158,6 +159,15 @@ pub struct PathResult {
     pub states: Vec<Compared>,
 }
 
+/// Over the states of all paths, in % of each path's largest force.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct StateSpread {
+    /// Half of the states are no worse.
+    pub median_percent: f64,
+    /// No more than one state in twenty is worse.
+    pub p95_percent: f64,
+}
+
 /// Over all paths.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Spread {
@@ -173,6 +183,8 @@ pub struct Spread {
     pub median_n: f64,
     /// Of all, N.
     pub worst_n: f64,
+    /// State by state, not by each path's worst one.
+    pub states: StateSpread,
 }
 
 /// Over all paths, for one source.
@@ -579,8 +591,8 @@ fn compare(tried: &Tried, paths: &PointPaths, body: &Body, alike: Option<&Body>)
             let differences = || compared.iter().filter_map(|c| Some(c.answers_n[i]? - c.simulated_n));
             Comparison {
                 source,
-                normal: Difference::new(differences().map(|d| d.dot(u).abs()), force),
-                lateral: Difference::new(differences().map(|d| d.reject_from(u).length()), force),
+                normal: Difference::new(differences().map(|d| normal_part(d, u)), force),
+                lateral: Difference::new(differences().map(|d| lateral_part(d, u)), force),
             }
         })
         .collect();
@@ -605,16 +617,16 @@ fn compare(tried: &Tried, paths: &PointPaths, body: &Body, alike: Option<&Body>)
 }
 
 fn summary(source: Source, paths: &[PathResult]) -> SourceSummary {
-    let all: Vec<&Comparison> =
-        paths.iter().filter_map(|p| p.sources.iter().find(|c| c.source == source)).collect();
-    let spread = |of: fn(&Comparison) -> &Difference| {
-        let sorted = |value: fn(&Difference) -> f64| {
-            let mut values: Vec<f64> = all.iter().map(|c| value(of(c))).collect();
-            values.sort_by(f64::total_cmp);
-            values
-        };
+    let all: Vec<(&PathResult, &Comparison)> =
+        paths.iter().filter_map(|p| Some((p, p.sources.iter().find(|c| c.source == source)?))).collect();
+    let spread = |of: fn(&Comparison) -> &Difference, part: fn(DVec3, DVec3) -> f64| {
+        let sorted = |value: fn(&Difference) -> f64| ascending(all.iter().map(|(_, c)| value(of(c))));
         let (percent, rms, newtons) =
             (sorted(|d| d.largest_percent), sorted(|d| d.rms_percent), sorted(|d| d.largest_n));
+        let states = ascending(all.iter().flat_map(|(p, _)| {
+            let off = p.states.iter().filter_map(|s| Some(s.answers_n[source as usize]? - s.simulated_n));
+            off.map(|d| 100.0 * part(d, DVec3::from_array(p.inward)) / p.largest_force_n)
+        }));
         Spread {
             median_percent: median(&percent),
             p95_percent: percentile(&percent, 0.95),
@@ -622,9 +634,31 @@ fn summary(source: Source, paths: &[PathResult]) -> SourceSummary {
             median_rms_percent: median(&rms),
             median_n: median(&newtons),
             worst_n: percentile(&newtons, 1.0),
+            states: StateSpread { median_percent: median(&states), p95_percent: percentile(&states, 0.95) },
         }
     };
-    SourceSummary { source, paths: all.len(), normal: spread(|c| &c.normal), lateral: spread(|c| &c.lateral) }
+    SourceSummary {
+        source,
+        paths: all.len(),
+        normal: spread(|c| &c.normal, normal_part),
+        lateral: spread(|c| &c.lateral, lateral_part),
+    }
+}
+
+/// Length along the unit vector `u`.
+fn normal_part(v: DVec3, u: DVec3) -> f64 {
+    v.dot(u).abs()
+}
+
+/// Length at right angles to the unit vector `u`.
+fn lateral_part(v: DVec3, u: DVec3) -> f64 {
+    v.reject_from(u).length()
+}
+
+fn ascending(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values
 }
 
 /// The middle one of ascending numbers, or the mean of the two in the middle.
@@ -639,117 +673,4 @@ pub(crate) fn median(sorted: &[f64]) -> f64 {
 pub(crate) fn percentile(sorted: &[f64], share: f64) -> f64 {
     let rank = (share * sorted.len() as f64).ceil() as usize;
     sorted.get(rank.clamp(1, sorted.len().max(1)) - 1).copied().unwrap_or(0.0)
-}
-
-impl Validation {
-    /// The table: a row for each source, largest errors in %.
-    pub fn table(&self) -> Vec<Vec<String>> {
-        let head = ["force from", "normal: median", "p95", "worst", "lateral: median", "p95", "worst (%)"];
-        let rows = self.sources.iter().filter(|s| s.paths > 0).map(|s| {
-            let errors = [s.normal, s.lateral].map(|s| [s.median_percent, s.p95_percent, s.worst_percent]);
-            let mut row = vec![s.source.words().to_owned()];
-            row.extend(errors.as_flattened().iter().map(|x| format!("{x:.1}")));
-            row
-        });
-        std::iter::once(head.map(str::to_owned).to_vec()).chain(rows).collect()
-    }
-
-    /// The same as Markdown.
-    pub fn markdown(&self) -> String {
-        let mut out = String::new();
-        for (i, row) in self.table().iter().enumerate() {
-            let _ = writeln!(out, "| {} |", row.join(" | "));
-            if i == 0 {
-                let _ = writeln!(out, "|{}", "---|".repeat(row.len()));
-            }
-        }
-        out
-    }
-
-    /// How the errors are distributed, and the paths of median and worst error, simulated and rendered.
-    pub fn charts(&self) -> Vec<LineChart> {
-        let shares = |name: &str, errors: &dyn Fn(&PathResult) -> Option<f64>| {
-            let mut errors: Vec<f64> = self.paths.iter().filter_map(errors).collect();
-            errors.sort_by(f64::total_cmp);
-            let n = errors.len() as f64;
-            let points = errors.iter().enumerate().map(|(i, &e)| (100.0 * (i as f64 + 1.0) / n, e)).collect();
-            Line { name: name.into(), points }
-        };
-        let lateral_of = |source: Source| {
-            move |p: &PathResult| {
-                let found = p.sources.iter().find(|c| c.source == source)?;
-                Some(found.lateral.largest_percent)
-            }
-        };
-        let [alike, body] = [0, 1].map(|i| self.sources.get(i).map(|s| (s.normal, s.lateral)));
-        let differs = alike != body;
-        let distribution = LineChart {
-            title: format!("Largest error of a path ({} paths)", self.paths.len()),
-            x_label: "paths (%)".into(),
-            y_label: "error (% of the path's largest force)".into(),
-            lines: vec![
-                shares("normal", &|p| Some(p.normal_error_percent)),
-                shares("lateral", &|p| Some(p.lateral_error_percent)),
-                shares("lateral, the place's own responses", &lateral_of(Source::Own)),
-            ]
-            .into_iter()
-            .chain(
-                differs.then(|| shares("lateral, alike in all directions", &lateral_of(Source::Isotropic))),
-            )
-            .collect(),
-            from_zero: true,
-        };
-        let mut order: Vec<&PathResult> = self.paths.iter().collect();
-        let worse = |p: &PathResult| p.normal_error_percent.max(p.lateral_error_percent);
-        order.sort_by(|a, b| worse(a).total_cmp(&worse(b)));
-        let chosen = [("median", order.get(order.len() / 2)), ("worst", order.last())];
-        let charts = chosen.into_iter().filter_map(|(name, p)| Some(self.chart(name, p?)));
-        std::iter::once(distribution).chain(charts).collect()
-    }
-
-    fn chart(&self, name: &str, path: &PathResult) -> LineChart {
-        let (u, d) = (DVec3::from_array(path.inward), DVec3::from_array(path.direction));
-        let line = |name: &str, of: DVec3, force: &dyn Fn(&Compared) -> Option<DVec3>| {
-            let point = |c: &Compared| Some(((c.depth_m + c.distance_m) * 1e3, force(c)?.dot(of)));
-            let points = std::iter::once((0.0, 0.0)).chain(path.states.iter().filter_map(point)).collect();
-            Line { name: name.into(), points }
-        };
-        LineChart {
-            title: format!(
-                "The path of {name} error: {:.2} mm deep, then {:.2} mm aside",
-                path.depth_m * 1e3,
-                path.distance_m * 1e3
-            ),
-            x_label: "way (mm)".into(),
-            y_label: "force (N)".into(),
-            lines: vec![
-                line("normal, simulated", u, &|c| Some(c.simulated_n)),
-                line("normal, rendered", u, &|c| c.answers_n[1]),
-                line("along the drag, simulated", d, &|c| Some(c.simulated_n)),
-                line("along the drag, rendered", d, &|c| c.answers_n[1]),
-            ],
-            from_zero: true,
-        }
-    }
-
-    /// Writes every state of every path as CSV.
-    ///
-    /// # Errors
-    /// `out` can't be written.
-    pub fn csv(&self, out: &mut dyn Write) -> Result<()> {
-        writeln!(
-            out,
-            "path,x_m,y_m,z_m,depth_m,distance_m,simulated_x_n,simulated_y_n,simulated_z_n,rendered_x_n,\
-             rendered_y_n,rendered_z_n"
-        )?;
-        for (i, path) in self.paths.iter().enumerate() {
-            let [x, y, z] = path.point_m;
-            for c in &path.states {
-                let [s, r] = [c.simulated_n, c.answers_n[1].unwrap_or_default()];
-                write!(out, "{i},{x:?},{y:?},{z:?},{:?},{:?},", c.depth_m, c.distance_m)?;
-                writeln!(out, "{:?},{:?},{:?},{:?},{:?},{:?}", s.x, s.y, s.z, r.x, r.y, r.z)?;
-            }
-        }
-        Ok(())
-    }
 }

@@ -1,7 +1,7 @@
 //! The measure measured: simulators whose law is known.
 
 use glam::DVec3;
-use palpate::validate::{Source, Trial, Validation, sticking, validate};
+use palpate::validate::{Measure, Source, Trial, Validation, sticking, validate};
 use palpate_body::shape::{Resolution, Shape};
 use palpate_body::{
     Body, BodyParts, Curve, Extension, Interpolation, Provenance, Response, SlipRule, Tool, tensor,
@@ -136,6 +136,18 @@ fn known_differences_are_found() {
         assert!(p.normal_rms_percent < p.normal_error_percent && p.normal_rms_percent > 0.0);
         assert!((p.normal_error_n - p.normal_error_percent / 100.0 * p.largest_force_n).abs() < 1e-12);
     }
+    // State by state: pressing, the normal force grows from 0 to what it is all along the drag.
+    let normal = v.summary.normal;
+    let mut all: Vec<f64> = Vec::new();
+    for p in &v.paths {
+        let u = DVec3::from_array(p.inward);
+        all.extend(p.states.iter().map(|c| c.simulated_n.dot(u) / p.largest_force_n * 100.0 / 11.0));
+    }
+    all.sort_by(f64::total_cmp);
+    let middle = (all[(all.len() - 1) / 2] + all[all.len() / 2]) / 2.0;
+    assert!((normal.states.median_percent - middle).abs() < 0.01, "{normal:?} {middle}");
+    assert!(normal.states.p95_percent <= normal.worst_percent);
+    assert!(normal.states.median_percent < normal.median_percent);
     // The place's own responses know of it.
     assert!(of(&v, Source::Own).iter().all(|e| *e < 0.5), "{:?}", of(&v, Source::Own));
 
@@ -245,7 +257,10 @@ fn a_sticking_body_answers_as_before_and_sticks() {
     assert_eq!(dragged.contact.unwrap().position_m, c);
     assert!(dragged.force_n[0] < -0.4);
     let v = try_with(&body, 8, [1.1, 0.9], 0.0);
-    assert!(v.markdown().lines().count() == 6 && v.markdown().contains("| the body | "));
+    for measure in Measure::ALL {
+        let table = v.markdown(measure);
+        assert!(table.lines().count() == 6 && table.contains("| the body | "));
+    }
     let folder = tempfile::tempdir().unwrap();
     palpate::plot::save(&folder.path().join("a.png"), &v.charts()).unwrap();
     let mut csv = Vec::new();

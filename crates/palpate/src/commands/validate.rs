@@ -7,7 +7,7 @@ use crate::precompute::progress::Progress;
 use crate::precompute::{Prepared, Solver};
 use crate::record::TestPoint;
 use crate::spec::Spec;
-use crate::validate::{Trial, Validation, touchable, validate};
+use crate::validate::{Measure, Trial, Validation, touchable, validate};
 use crate::{console, files, plot};
 use anyhow::anyhow;
 use palpate_body::Body;
@@ -113,7 +113,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.json {
         console::json(&validation)?;
     } else {
-        console::text(&console::table(&validation.table()))?;
+        for measure in Measure::ALL {
+            console::text(&format!("{}\n{}", measure.words(), console::table(&validation.table(measure))))?;
+        }
     }
     for path in validation.paths.iter().filter_map(|p| p.stopped.as_ref()).take(5) {
         console::note(&format!("a path ended early: {path}"));
@@ -128,12 +130,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn document(v: &Validation) -> String {
+    let tables = Measure::ALL.map(|m| format!("## {}\n\n{}\n", m.words(), v.markdown(m))).concat();
     format!(
-        "{} random paths (seed {}): largest error of a path, in % of its largest force.\n\n{}\n\
+        "# {} random paths (seed {})\n\n{tables}\
          {} paths ended early and count as far as they went; {} have no state and count nowhere.\n",
         v.paths.len() + v.failed,
         v.seed,
-        v.markdown(),
         v.cut_short,
         v.failed
     )

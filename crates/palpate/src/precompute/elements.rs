@@ -81,7 +81,6 @@ struct MeshTool {
     distance: SignedDistance,
     /// The farthest it reaches towards +z, m: the tip is there, on the z axis.
     tip_z: f64,
-    reach_m: f64,
 }
 
 impl MeshTool {
@@ -89,19 +88,13 @@ impl MeshTool {
         let mesh = import::read(file, Some(unit))?;
         let (mesh, _) = repair::repair(mesh, Options { allow_open: false }).map_err(|e| e.in_file(file))?;
         let tip_z = mesh.positions.iter().map(|p| p.z).fold(f64::NEG_INFINITY, f64::max);
-        let tip = DVec3::new(0.0, 0.0, tip_z);
-        let reach_m = mesh.positions.iter().map(|p| p.distance(tip)).fold(0.0, f64::max);
         let distance = SignedDistance::new(&mesh).map_err(|e| e.in_file(file))?;
-        Ok(MeshTool { distance, tip_z, reach_m })
+        Ok(MeshTool { distance, tip_z })
     }
 }
 
 impl Shape for MeshTool {
     fn distance(&self, point: DVec3) -> (f64, DVec3) {
         self.distance.distance(point + DVec3::new(0.0, 0.0, self.tip_z))
-    }
-
-    fn reach_m(&self) -> f64 {
-        self.reach_m
     }
 }

@@ -4,11 +4,11 @@ use super::elements::Elements;
 use super::run::Prepared;
 use super::{assemble, volume};
 use crate::csv_table::Table;
-use crate::files;
 use crate::record::{Plan, Scene, TestPoint};
 use crate::spec::{
     Fixed, Geometry, Material, MaterialLaw, Place, Selection, Simulation, Spec, TestPoints, ToolShape, Volume,
 };
+use crate::{console, files};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
 use palpate_body::Surface;
@@ -73,7 +73,7 @@ pub fn inputs_of(spec: &Spec, simulation: &Simulation) -> Vec<PathBuf> {
     inputs
 }
 
-/// Makes all that a run needs, but for its solver.
+/// Makes all that a run needs, and says on the way what was mended or assumed.
 ///
 /// # Errors
 /// Whatever is wrong with meshes, supports, regions or test points, with its place.
@@ -118,13 +118,17 @@ pub fn prepare(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Prep
     let (mesh, materials) = regions(simulation, mesh)?;
     let named = |e: palpate_simulate::SimulateError| anyhow!("{}: {e}", name.display());
     notes.extend(check(&mesh, &holds).map_err(named)?);
+    // Before the first factorisation, so that who waits knows for what.
+    notes.iter().for_each(|note| console::note(note));
+    let told = notes.len();
     let solver = Elements::new(Physics { mesh, materials, fixed }, simulation, path)?;
     let named = match &simulation.test_points {
         TestPoints::At(points) => points.len(),
         _ => usize::MAX,
     };
-    let guide = guide(solver.model(), &surface, named, margin(simulation)?);
+    let guide = guide(solver.model(), &surface, named, super::volume::tool_radius(simulation)?);
     let nodes = choose(simulation, &surface, &held, &guide, path, &mut notes)?;
+    notes[told..].iter().for_each(|note| console::note(note));
     let points = nodes.into_iter().map(|node| TestPoint {
         node,
         plan: point_plan(
@@ -391,12 +395,13 @@ fn made_of(given: &Material) -> Result<material::Material> {
     Ok(made?)
 }
 
-/// How far from what is held the tool stays, m: by its radius, so that it touches nothing that can't give way.
+/// How far from what is held the tool stays, m: by its radius and the longest drag, so that it comes over nothing that
+/// can't give way, in no direction.
 ///
 /// # Errors
 /// The tool's size is not known.
 pub fn margin(simulation: &Simulation) -> Result<f64> {
-    super::volume::tool_radius(simulation)
+    Ok(super::volume::tool_radius(simulation)? + simulation.deflection.lateral_max_m)
 }
 
 /// The test points' nodes, ascending; or in the spec's order, where it names them.

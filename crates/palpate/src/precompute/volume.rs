@@ -127,7 +127,20 @@ fn options(
             tool * 1e3
         );
     }
-    let wanted = sizes.element_size_m.unwrap_or(tool / 2.0);
+    let few = match &simulation.test_points {
+        TestPoints::At(points) if points.len() <= FEW && sizes.element_size_m.is_none() => &points[..],
+        _ => &[],
+    };
+    let fine = tool / ACROSS;
+    let coarse = match few {
+        [] => tool / 2.0,
+        // What the body's shape needs; cells are halved, so that sizes in between would all become smaller.
+        _ => {
+            let shape = (volume.cbrt() / 8.0).min(0.75 * volume / area).max(tool / 2.0);
+            fine * libm::exp2(libm::log2(shape / fine).floor())
+        }
+    };
+    let wanted = sizes.element_size_m.unwrap_or(coarse);
     let interior =
         |edge: f64| sizes.interior_size_m.unwrap_or(FillOptions::new(edge).interior_edge_m).max(edge);
     let mut edge = wanted;
@@ -157,20 +170,15 @@ fn options(
     }
     let mut options = FillOptions::new(edge);
     options.interior_edge_m = interior(edge);
-    if let (None, TestPoints::At(points)) = (sizes.element_size_m, &simulation.test_points)
-        && points.len() <= FEW
-    {
-        let fine = tool / ACROSS;
-        if fine < edge {
-            options.finer = points
-                .iter()
-                .map(|p| Ball { centre: on(surface, *p), radius_m: 1.5 * tool, edge_m: fine })
-                .collect();
-            let millimetres = fine * 1e3;
-            notes.push(format!(
-                "elements around the test points have {millimetres:.2} mm, a sixth of the tool's radius"
-            ));
-        }
+    if !few.is_empty() && fine < edge {
+        options.finer = few
+            .iter()
+            .map(|p| Ball { centre: on(surface, *p), radius_m: 1.25 * tool, edge_m: SLACK * fine })
+            .collect();
+        let millimetres = fine * 1e3;
+        notes.push(format!(
+            "elements around the test points have {millimetres:.2} mm, a fifth of the tool's radius"
+        ));
     }
     Ok(options)
 }
@@ -178,7 +186,9 @@ fn options(
 /// So few test points named by the spec get small elements around each: one wants to know them well.
 const FEW: usize = 3;
 /// Of those elements, edges along the tool's radius.
-const ACROSS: f64 = 6.0;
+const ACROSS: f64 = 5.0;
+/// Cells that a shape's length stretches a little are not halved.
+const SLACK: f64 = 1.2;
 
 /// The surface's node nearest to a point.
 fn on(surface: &TriangleMesh, p: DVec3) -> DVec3 {

@@ -8,6 +8,8 @@ use std::collections::BTreeMap;
 use std::fs::{File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 const PLAN: &str = "plan.json";
 const LOCK: &str = "lock";
@@ -172,6 +174,9 @@ impl Drop for Workspace {
     }
 }
 
+/// How long a run that was killed may take until the system has cleared it away and its lock with it.
+const DYING: Duration = Duration::from_secs(2);
+
 /// Locks a folder. The system unlocks it when the process ends, however it does.
 fn lock(folder: &Path) -> Result<File> {
     let path = folder.join(LOCK);
@@ -183,10 +188,14 @@ fn lock(folder: &Path) -> Result<File> {
     };
     let file = File::options().create(true).truncate(false).write(true).open(&path);
     let file = file.map_err(|e| files::unwritable(&path, &e))?;
-    match file.try_lock() {
-        Ok(()) => {}
-        Err(TryLockError::WouldBlock) => return Err(busy()),
-        Err(TryLockError::Error(e)) => return Err(files::unwritable(&path, &e)),
+    let patient = Instant::now() + DYING;
+    loop {
+        match file.try_lock() {
+            Ok(()) => break,
+            Err(TryLockError::WouldBlock) if Instant::now() < patient => sleep(DYING / 50),
+            Err(TryLockError::WouldBlock) => return Err(busy()),
+            Err(TryLockError::Error(e)) => return Err(files::unwritable(&path, &e)),
+        }
     }
     // The run that had it may have ended, and removed it, between the two calls.
     #[cfg(unix)]
