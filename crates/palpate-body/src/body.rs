@@ -2,6 +2,7 @@
 
 use crate::curve::Curve;
 use crate::error::{BodyError, Result};
+use crate::gradient::Gradients;
 use crate::response::{Response, Responses};
 use crate::search::{Search, point};
 use crate::surface::{
@@ -11,6 +12,7 @@ use crate::tensor::{self, IDENTITY, Tensor};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
 
 /// A node: where it is, which way in, and whose responses it mixes.
 #[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -49,8 +51,27 @@ impl NodeMix {
 #[non_exhaustive]
 pub enum SlipRule {
     /// The seed paper's section 3.2: slip while f_r exceeds the friction limit, along the projection of u_r.
-    #[default]
     Paper,
+    /// The default: the paper's rule with the energy's gradient along the surface (E3): as continuous as the paper's, and generates
+    /// energy only of the second order in the size of the elements.
+    #[default]
+    Consistent,
+    /// Down the energy's own slope (E2): generates none, and clicks where facets meet.
+    Exact,
+}
+
+impl SlipRule {
+    /// All there are.
+    pub const ALL: [SlipRule; 3] = [SlipRule::Paper, SlipRule::Consistent, SlipRule::Exact];
+
+    /// As files and options name it.
+    pub fn name(self) -> &'static str {
+        match self {
+            SlipRule::Paper => "paper",
+            SlipRule::Consistent => "consistent",
+            SlipRule::Exact => "exact",
+        }
+    }
 }
 
 /// The tool that a body's responses were found for.
@@ -151,6 +172,17 @@ pub struct Body {
     pub(crate) tool: Tool,
     pub(crate) slip: SlipRule,
     pub(crate) provenance: Provenance,
+    gradients: Derived,
+}
+
+/// What follows from the rest of a body, once it is asked for.
+#[derive(Debug, Clone, Default)]
+struct Derived(OnceLock<Gradients>);
+
+impl PartialEq for Derived {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
 }
 
 impl Body {
@@ -226,7 +258,7 @@ impl Body {
         let nodes: Vec<Node> = nodes.collect();
         let triangles: Vec<[u32; 3]> = surface.elements.iter().map(|e| e.nodes).collect();
         let search = Search::build(&surface.positions, &triangles);
-        Ok(Body {
+        let body = Body {
             nodes,
             elements: surface.elements,
             search,
@@ -239,7 +271,29 @@ impl Body {
             tool,
             slip,
             provenance,
+            gradients: Derived::default(),
+        };
+        if slip == SlipRule::Consistent {
+            body.gradients();
+        }
+        Ok(body)
+    }
+
+    /// The nodal gradients along the surface, derived when they are first asked for: as the body is made where its slip
+    /// rule needs them. It takes memory, and about a second for 5 million triangles.
+    pub fn gradients(&self) -> &Gradients {
+        self.gradients.0.get_or_init(|| {
+            Gradients::new(&self.nodes, &self.elements, &self.lateral_tensors, &self.responses)
         })
+    }
+
+    /// The same if they were derived.
+    ///
+    /// # Real-time
+    /// O(1), no allocation, never panics or waits.
+    #[inline]
+    pub fn derived_gradients(&self) -> Option<&Gradients> {
+        self.gradients.0.get()
     }
 
     /// What it is made of, as [`Body::new`] takes it: to make another body that differs in some of it.
@@ -366,6 +420,15 @@ impl Body {
         nodes.map(|n| self.nodes.get(n as usize).unwrap_or(&NO_NODE))
     }
 
+    /// The nodes' numbers.
+    ///
+    /// # Real-time
+    /// As [`Body::element_nodes`].
+    #[inline]
+    pub fn element_node_numbers(&self, element: u32) -> [u32; 3] {
+        self.elements.get(element as usize).map_or([0; 3], |e| e.nodes)
+    }
+
     /// One node of an element.
     ///
     /// # Real-time
@@ -459,7 +522,9 @@ impl Body {
             bytemuck::cast_slice(&self.elements),
             bytemuck::cast_slice(&self.lateral_tensors),
         ];
-        for bytes in parts.into_iter().chain(self.responses.memory()).chain(self.search.memory()) {
+        let gradients = self.derived_gradients().into_iter().flat_map(Gradients::memory);
+        let all = parts.into_iter().chain(self.responses.memory()).chain(self.search.memory());
+        for bytes in all.chain(gradients) {
             crate::file::lock(bytes)?;
         }
         Ok(())

@@ -24,7 +24,7 @@ const _: () =
 
 const SCHEMA: &str = "palpate-body";
 /// What this program reads up to. A body is written in the least version that holds all of it.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 const UNITS: &str = "SI: m, N, J";
 
 /// Bytes of the header's length, which the file begins with.
@@ -42,12 +42,20 @@ struct Sizes {
     lateral_knots: usize,
     /// Whether nodes have lateral tensors: version 2.
     anisotropic: bool,
+    /// Whether the slip rule is another than the paper's: version 3.
+    other_slip: bool,
 }
 
 impl Sizes {
     /// The least version that holds it.
     fn version(&self) -> u32 {
-        if self.anisotropic { 2 } else { 1 }
+        if self.other_slip {
+            3
+        } else if self.anisotropic {
+            2
+        } else {
+            1
+        }
     }
 }
 
@@ -204,6 +212,7 @@ impl Body {
             depth_knots: self.responses.depth_knots().values().len(),
             lateral_knots: self.responses.lateral_knots().values().len(),
             anisotropic: !self.is_isotropic(),
+            other_slip: self.slip != SlipRule::Paper,
         }
     }
 
@@ -230,7 +239,7 @@ impl Body {
                 ("version", sizes.version().to_string()),
                 ("units", UNITS.to_string()),
                 ("tool", serde_json::to_string(&self.tool)?),
-                ("slip", serde_json::to_string(&self.slip)?.trim_matches('"').to_string()),
+                ("slip", self.slip.name().to_string()),
                 ("provenance", serde_json::to_string(&self.provenance)?),
             ]);
             let mut header = vec![0; LENGTH];
@@ -350,6 +359,7 @@ impl<'a> File<'a> {
             depth_knots: count("depth_knots_m"),
             lateral_knots: count("lateral_knots_m"),
             anisotropic: version >= 2 && self.header.info("lateral_tensors").is_some(),
+            other_slip: version >= 3,
         });
         for (name, dtype, shape) in &layout {
             let problem = match self.header.info(name) {

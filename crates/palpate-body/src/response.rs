@@ -197,9 +197,115 @@ impl Responses {
         rows(&self.lateral, &self.lateral_rows, points, deflection)
     }
 
+    /// Where the energies of test points at a depth and a lateral deflection are found.
+    ///
+    /// # Real-time
+    /// O(1), no allocation, never panics.
+    #[inline]
+    pub fn strain(&self, depth: f64, deflection: f64) -> Strain<'_> {
+        let at = |knots: &Knots, x: f64| {
+            let interval = knots.locate(x);
+            let t = (x - knots.knots.get(interval).copied().unwrap_or(0.0)).max(0.0);
+            let t2 = t * t;
+            (interval, [1.0, t, t2 * 0.5, t2 * t * (1.0 / 3.0), t2 * t2 * 0.25])
+        };
+        let (depth_interval, depth_powers) = at(&self.depth, depth);
+        let (lateral_interval, lateral_powers) = at(&self.lateral, deflection);
+        Strain { responses: self, depth_interval, lateral_interval, depth_powers, lateral_powers }
+    }
+
+    /// The energy's coefficients of a test point's normal curve in one interval; none where there is no such point.
+    pub(crate) fn depth_row(&self, point: u32, interval: usize) -> [f64; POWERS] {
+        let row = self.depth_rows.get(point as usize * self.depth.knots.len() + interval);
+        row.map_or([0.0; POWERS], |[i, a, b, c, d, ..]| [*i, *a, *b, *c, *d])
+    }
+
+    /// The same of its lateral curve.
+    pub(crate) fn lateral_row(&self, point: u32, interval: usize) -> [f64; POWERS] {
+        let row = self.lateral_rows.get(point as usize * self.lateral.knots.len() + interval);
+        row.copied().unwrap_or([0.0; POWERS])
+    }
+
     /// Bytes that a step may read.
     pub(crate) fn memory(&self) -> [&[u8]; 2] {
         [bytemuck::cast_slice(&self.depth_rows), bytemuck::cast_slice(&self.lateral_rows)]
+    }
+}
+
+/// A depth and a lateral deflection, as [`Responses::strain`] looked them up.
+#[derive(Debug, Clone, Copy)]
+pub struct Strain<'a> {
+    responses: &'a Responses,
+    depth_interval: usize,
+    lateral_interval: usize,
+    /// 1, t, t²/2, t³/3, t⁴/4 of the distances from the intervals' knots: what a row's integral and powers are multiplied
+    /// with to give the energy.
+    pub(crate) depth_powers: [f64; POWERS],
+    pub(crate) lateral_powers: [f64; POWERS],
+}
+
+/// Energies of three test points at a [`Strain`].
+#[derive(Debug, Clone, Copy)]
+pub struct Known {
+    points: [u32; 3],
+    energies: [f64; 3],
+}
+
+impl Known {
+    /// None.
+    pub const NONE: Self = Known { points: [u32::MAX; 3], energies: [0.0; 3] };
+
+    #[inline(always)]
+    pub(crate) fn energy(&self, strain: &Strain, point: u32) -> f64 {
+        let ([a, b, c], [x, y, z]) = (self.points, self.energies);
+        if point == a {
+            x
+        } else if point == b {
+            y
+        } else if point == c {
+            z
+        } else {
+            strain.energy(point)
+        }
+    }
+}
+
+/// Coefficients of a test point's energy in one interval.
+pub(crate) const POWERS: usize = 5;
+
+impl Strain<'_> {
+    /// W_t = F^z(δz) + F^r(ρ) of a test point, J.
+    ///
+    /// # Real-time
+    /// O(1), never panics: a test point that does not exist answers nothing.
+    #[inline]
+    pub fn energy(&self, test_point: u32) -> f64 {
+        let Responses { depth_rows, lateral_rows, .. } = self.responses;
+        let (i, j) = self.rows(test_point as usize);
+        let z = depth_rows.get(i).unwrap_or(&[0.0; 9]);
+        let r = lateral_rows.get(j).unwrap_or(&[0.0; 5]);
+        let (p, q) = (&self.depth_powers, &self.lateral_powers);
+        // Both side by side, in pairs.
+        let [a, b]: [f64; 2] = std::array::from_fn(|i| {
+            z[i + 1] * p[i + 1] + r[i + 1] * q[i + 1] + (z[i + 3] * p[i + 3] + r[i + 3] * q[i + 3])
+        });
+        z[0] + r[0] + (a + b)
+    }
+
+    /// The energies of three test points, not to be found again.
+    ///
+    /// # Real-time
+    /// As [`Strain::energy`].
+    #[inline]
+    pub fn known(&self, points: [u32; 3]) -> Known {
+        Known { points, energies: points.map(|t| self.energy(t)) }
+    }
+
+    /// Where the rows of these intervals are in tables of the same knots.
+    #[inline]
+    pub(crate) fn rows(&self, point: usize) -> (usize, usize) {
+        let Responses { depth, lateral, .. } = self.responses;
+        (point * depth.knots.len() + self.depth_interval, point * lateral.knots.len() + self.lateral_interval)
     }
 }
 

@@ -9,7 +9,7 @@ use glam::DVec3;
 use gungraun::{library_benchmark, library_benchmark_group, main};
 use palpate_body::shape::{Resolution, Shape};
 use palpate_body::{Body, BodyParts, NodeMix, Provenance, Response, SlipRule, Tool, tensor};
-use palpate_engine::{Contact, ToolPose};
+use palpate_engine::{Ablation, Contact, ToolPose};
 use std::f64::consts::TAU;
 use std::hint::black_box;
 
@@ -97,8 +97,8 @@ fn at(angle: f64, z: f64, depth: f64) -> ToolPose {
 type Scene = (Body, Vec<(Contact, Vec<ToolPose>)>);
 
 /// A contact that `before` has led to where the counting begins.
-fn warm(body: Body, before: &[ToolPose], counted: Vec<ToolPose>) -> Scene {
-    let mut contact = Contact::new(&body);
+fn warm(body: Body, rule: SlipRule, before: &[ToolPose], counted: Vec<ToolPose>) -> Scene {
+    let mut contact = Contact::with_slip(&body, rule, Ablation::None);
     for pose in before.iter().chain(&counted) {
         contact.step(&body, pose);
     }
@@ -106,25 +106,25 @@ fn warm(body: Body, before: &[ToolPose], counted: Vec<ToolPose>) -> Scene {
 }
 
 /// Small circles 3 mm deep, within the friction limit.
-fn stick(finer: u32, ratio: f64) -> Scene {
+fn stick(finer: u32, ratio: f64, rule: SlipRule) -> Scene {
     let circle = |i: u32| {
         let turn = TAU * f64::from(i) / f64::from(STEPS);
         at(0.4 + 2e-3 * libm::cos(turn), 2e-3 + 5e-5 * libm::sin(turn), 3e-3)
     };
     let press = [at(0.4, 2e-3, -1e-3), at(0.4, 2e-3, 3e-3)];
-    let scene = warm(tube(finer, ratio), &press, (0..STEPS).map(circle).collect());
+    let scene = warm(tube(finer, ratio), rule, &press, (0..STEPS).map(circle).collect());
     let (contact, _) = &scene.1[0];
     assert!(contact.counters().slips <= 1, "only the press may slip: {:?}", contact.counters());
     scene
 }
 
 /// A helical drag 3 mm deep, at 0.1 m/s and 1 kHz; there once before to warm up.
-fn slide(finer: u32, ratio: f64) -> Scene {
+fn slide(finer: u32, ratio: f64, rule: SlipRule) -> Scene {
     let helix = |i: u32| at(0.4 + STRIDE / RADIUS * f64::from(i), 2e-3 + 2e-5 * f64::from(i), 3e-3);
     let mut before = vec![at(0.4 - 0.1, 0.0, -1e-3), at(0.4 - 0.1, 0.0, 3e-3)];
     before.extend((0..STEPS).map(helix));
     before.extend((0..STEPS).rev().map(helix));
-    let mut scene = warm(tube(finer, ratio), &before, Vec::new());
+    let mut scene = warm(tube(finer, ratio), rule, &before, Vec::new());
     scene.1[0].1 = (STEPS..2 * STEPS).map(helix).collect();
     scene
 }
@@ -133,7 +133,7 @@ fn slide(finer: u32, ratio: f64) -> Scene {
 /// up and the surface is asked.
 fn free(finer: u32) -> Scene {
     let flight = |i: u32| at(0.4 + 1e-3 / 0.04 * f64::from(i), 2e-3, -10e-3);
-    warm(tube(finer, 1.0), &[], (0..STEPS).map(flight).collect())
+    warm(tube(finer, 1.0), SlipRule::Paper, &[], (0..STEPS).map(flight).collect())
 }
 
 /// The steps in which a tip comes from 0.5 mm above the surface to 0.5 mm below, at 100 places. (The facets' middles lie
@@ -153,14 +153,24 @@ fn onset(finer: u32) -> Scene {
 }
 
 #[library_benchmark]
-#[bench::stick_528(args = (1, 1.0), setup = stick)]
-#[bench::stick_52800(args = (BIG, 1.0), setup = stick)]
-#[bench::stick_anisotropic_528(args = (1, RATIO), setup = stick)]
-#[bench::stick_anisotropic_52800(args = (BIG, RATIO), setup = stick)]
-#[bench::slide_528(args = (1, 1.0), setup = slide)]
-#[bench::slide_52800(args = (BIG, 1.0), setup = slide)]
-#[bench::slide_anisotropic_528(args = (1, RATIO), setup = slide)]
-#[bench::slide_anisotropic_52800(args = (BIG, RATIO), setup = slide)]
+#[bench::stick_528(args = (1, 1.0, SlipRule::Paper), setup = stick)]
+#[bench::stick_52800(args = (BIG, 1.0, SlipRule::Paper), setup = stick)]
+#[bench::stick_anisotropic_528(args = (1, RATIO, SlipRule::Paper), setup = stick)]
+#[bench::stick_anisotropic_52800(args = (BIG, RATIO, SlipRule::Paper), setup = stick)]
+#[bench::slide_528(args = (1, 1.0, SlipRule::Paper), setup = slide)]
+#[bench::slide_52800(args = (BIG, 1.0, SlipRule::Paper), setup = slide)]
+#[bench::slide_anisotropic_528(args = (1, RATIO, SlipRule::Paper), setup = slide)]
+#[bench::slide_anisotropic_52800(args = (BIG, RATIO, SlipRule::Paper), setup = slide)]
+#[bench::stick_consistent_528(args = (1, 1.0, SlipRule::Consistent), setup = stick)]
+#[bench::stick_consistent_52800(args = (BIG, 1.0, SlipRule::Consistent), setup = stick)]
+#[bench::stick_consistent_anisotropic_528(args = (1, RATIO, SlipRule::Consistent), setup = stick)]
+#[bench::stick_consistent_anisotropic_52800(args = (BIG, RATIO, SlipRule::Consistent), setup = stick)]
+#[bench::slide_consistent_528(args = (1, 1.0, SlipRule::Consistent), setup = slide)]
+#[bench::slide_consistent_52800(args = (BIG, 1.0, SlipRule::Consistent), setup = slide)]
+#[bench::slide_consistent_anisotropic_528(args = (1, RATIO, SlipRule::Consistent), setup = slide)]
+#[bench::slide_consistent_anisotropic_52800(args = (BIG, RATIO, SlipRule::Consistent), setup = slide)]
+#[bench::slide_exact_528(args = (1, 1.0, SlipRule::Exact), setup = slide)]
+#[bench::slide_exact_52800(args = (BIG, 1.0, SlipRule::Exact), setup = slide)]
 #[bench::free_528(args = (1), setup = free)]
 #[bench::free_52800(args = (BIG), setup = free)]
 #[bench::onset_528(args = (1), setup = onset)]

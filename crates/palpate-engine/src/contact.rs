@@ -1,5 +1,6 @@
 //! One contact: the step and its stages (MODEL 3).
 
+use crate::drive::{Consistent, Exact, Paper, Rule};
 use crate::field::{Ablation, Field, Law, Site};
 use crate::lateral::{Isotropic, Lateral, Stretch};
 use crate::output::{ContactPoint, Counters, Flags, Ledger, Output, ToolPose};
@@ -45,9 +46,18 @@ impl Contact {
 
     /// The same with interpolations taken away, as in the paper's section 5.
     pub fn with_ablation(body: &Body, ablation: Ablation) -> Self {
+        Self::with_slip(body, body.slip(), ablation)
+    }
+
+    /// The same with another slip rule than the body's. [`SlipRule::Consistent`] derives the body's gradients if nothing
+    /// has yet ([`Body::gradients`]), which takes a while on a large body.
+    pub fn with_slip(body: &Body, rule: SlipRule, ablation: Ablation) -> Self {
+        if rule == SlipRule::Consistent {
+            body.gradients();
+        }
         let law = Law { ablation, radius_m: body.tool().radius_m };
         let (energy, counters) = (Ledger::default(), Counters::default());
-        Contact { law, rule: body.slip(), state: State::Unknown, pace: Pace::default(), energy, counters }
+        Contact { law, rule, state: State::Unknown, pace: Pace::default(), energy, counters }
     }
 
     /// The slip rule in force.
@@ -71,16 +81,19 @@ impl Contact {
     /// Bounded; never allocates, locks, logs, reads a clock or a file, or panics. In free space it costs a distance
     /// comparison until the tip has used up the clearance that the last query found.
     pub fn step(&mut self, body: &Body, pose: &ToolPose) -> Output {
-        if body.is_isotropic() {
-            self.step_as::<Isotropic>(body, pose)
-        } else {
-            self.step_as::<Stretch>(body, pose)
+        match (self.rule, body.is_isotropic()) {
+            (SlipRule::Consistent, true) => self.step_as::<Isotropic, Consistent>(body, pose),
+            (SlipRule::Consistent, false) => self.step_as::<Stretch, Consistent>(body, pose),
+            (SlipRule::Exact, true) => self.step_as::<Isotropic, Exact>(body, pose),
+            (SlipRule::Exact, false) => self.step_as::<Stretch, Exact>(body, pose),
+            (_, true) => self.step_as::<Isotropic, Paper>(body, pose),
+            (_, false) => self.step_as::<Stretch, Paper>(body, pose),
         }
     }
 
-    /// Apart from the choice between the two, which is a jump.
+    /// Apart from the choice between them, which is a jump.
     #[inline(never)]
-    fn step_as<L: Lateral>(&mut self, body: &Body, pose: &ToolPose) -> Output {
+    fn step_as<L: Lateral, R: Rule>(&mut self, body: &Body, pose: &ToolPose) -> Output {
         self.counters.steps += 1;
         let mut flags = Flags::default();
         let Some(tip) = pose.accept() else {
@@ -90,17 +103,17 @@ impl Contact {
             return Output { flags, energy: self.energy, ..Output::default() };
         };
         let before = self.energy;
-        let Some(mut at) = self.touch::<L>(body, tip, &mut flags) else { return self.untouched(flags) };
+        let Some(mut at) = self.touch::<L, R>(body, tip, &mut flags) else { return self.untouched(flags) };
         let mut site = Site::<L>::new(body, self.law, at.element);
         let mut field = self.stick(&mut site, at, tip);
-        let end = self.slip(&mut site, &mut at, &mut field, tip, &mut flags);
+        let end = self.slip::<L, R>(&mut site, &mut at, &mut field, tip, &mut flags);
         if field.depth > 0.0 && end != End::Border {
             return self.answer(at, tip, &field, end, flags);
         }
         if flags.onset && self.law.radius_m > 0.0 && end != End::Border {
             return self.hover(before, tip, at, flags);
         }
-        match self.release(&mut site, at, &field, end, tip, &mut flags) {
+        match self.release::<L, R>(&mut site, at, &field, end, tip, &mut flags) {
             Some((at, field, end)) => self.answer(at, tip, &field, end, flags),
             None => self.untouched(flags),
         }
@@ -123,13 +136,18 @@ impl Contact {
     /// Not part of the step: a measuring instrument.
     pub fn lipschitz_n_per_m(&self, body: &Body) -> Option<f64> {
         match self.state {
-            State::Touching { at, tip } => sensitivity::lipschitz(body, self.law, at, tip),
+            State::Touching { at, tip } => sensitivity::lipschitz(body, self.law, self.rule, at, tip),
             _ => None,
         }
     }
 
     /// Stage 1: the contact point of the last step, or that of an onset in this one.
-    fn touch<L: Lateral>(&mut self, body: &Body, tip: DVec3, flags: &mut Flags) -> Option<SurfacePoint> {
+    fn touch<L: Lateral, R: Rule>(
+        &mut self,
+        body: &Body,
+        tip: DVec3,
+        flags: &mut Flags,
+    ) -> Option<SurfacePoint> {
         match self.state {
             State::Touching { at, .. } => Some(at),
             State::Free { asked_at, clear, near, .. } if tip.distance(asked_at) < clear => {
@@ -146,7 +164,7 @@ impl Contact {
                 };
                 flags.onset = true;
                 self.counters.onsets += 1;
-                Some(self.settle::<L>(body, touch.at, from + (tip - from) * touch.fraction))
+                Some(self.settle::<L, R>(body, touch.at, from + (tip - from) * touch.fraction))
             }
             State::Inside { asked_at, clear } if tip.distance(asked_at) < clear => {
                 self.state = State::Inside { asked_at, clear };
@@ -186,19 +204,21 @@ impl Contact {
     /// A sphere's first touch is where the nearest point is at its radius, but the frame there is the interpolated
     /// one: the contact point slips to the friction limit, nearly 0 there, before anything counts. Where the frames
     /// lead it farther away than the tool reaches, it stays.
-    fn settle<L: Lateral>(&self, body: &Body, at: SurfacePoint, tip: DVec3) -> SurfacePoint {
+    fn settle<L: Lateral, R: Rule>(&self, body: &Body, at: SurfacePoint, tip: DVec3) -> SurfacePoint {
         if self.law.radius_m == 0.0 {
             return at;
         }
         let mut site = Site::<L>::new(body, self.law, at.element);
         let (mut settled, mut field) = (at, site.evaluate(at.n, tip));
         let start = field.c;
-        let end = slip::slip(&mut site, &mut settled, &mut field, tip, &mut Pace::default()).end;
+        let drive = R::drive(&mut site, settled.n, &field);
+        let end =
+            slip::slip::<L, R>(&mut site, &mut settled, &mut field, drive, tip, &mut Pace::default()).end;
         if end == End::Settled && field.c.distance(start) <= self.law.radius_m { settled } else { at }
     }
 
     /// Stage 2: the tool moves with the contact point held.
-    #[inline]
+    #[inline(always)]
     fn stick<L: Lateral>(&mut self, site: &mut Site<L>, at: SurfacePoint, tip: DVec3) -> Field {
         let field = site.evaluate(at.n, tip);
         self.energy.stick(field.energy);
@@ -207,7 +227,7 @@ impl Contact {
 
     /// Stage 3: the contact point moves with the tool held, until the lateral force is within the friction limit.
     #[inline]
-    fn slip<L: Lateral>(
+    fn slip<L: Lateral, R: Rule>(
         &mut self,
         site: &mut Site<L>,
         at: &mut SurfacePoint,
@@ -215,12 +235,12 @@ impl Contact {
         tip: DVec3,
         flags: &mut Flags,
     ) -> End {
-        let SlipRule::Paper = self.rule else { return End::Settled };
-        if slip::within(field.pull, field) {
+        let drive = R::drive(site, at.n, field);
+        if slip::within(&drive, field) {
             return End::Settled;
         }
         let start = *at;
-        let slipped = slip::slip(site, at, field, tip, &mut self.pace);
+        let slipped = slip::slip::<L, R>(site, at, field, drive, tip, &mut self.pace);
         self.energy.slip(field.energy);
         let moved = *at != start;
         flags.slipping |= moved;
@@ -233,7 +253,7 @@ impl Contact {
     /// Stage 4: the contact ends, at δz ≤ 0 or over the border. A tip that is then still inside, in a concave facet or
     /// another sheet, touches anew at its nearest surface point, and one that ran into something else on its way, there.
     #[cold]
-    fn release<L: Lateral>(
+    fn release<L: Lateral, R: Rule>(
         &mut self,
         site: &mut Site<L>,
         at: SurfacePoint,
@@ -259,12 +279,12 @@ impl Contact {
             self.beyond(body, at, field, tip)
         };
         self.state = self.free(body, tip, nearest);
-        let mut at = self.settle::<L>(body, again?, tip);
+        let mut at = self.settle::<L, R>(body, again?, tip);
         *site = Site::new(body, self.law, at.element);
         let mut field = site.evaluate(at.n, tip);
         // Stored energy appears at a fixed tip: the ledger books it as generated.
         self.energy.slip(field.energy);
-        let end = self.slip(site, &mut at, &mut field, tip, flags);
+        let end = self.slip::<L, R>(site, &mut at, &mut field, tip, flags);
         if field.depth > 0.0 && end != End::Border {
             flags.reanchored = true;
             return Some((at, field, end));

@@ -2,10 +2,11 @@
 //!
 //! What is sideways depends on whether the body is anisotropic: see [`crate::lateral`].
 
+use crate::drive::Drive;
 use crate::lateral::{Change, Lateral};
 use crate::walk::Rates;
 use glam::DVec3;
-use palpate_body::{Body, Node, Rows, Sample, SurfacePoint};
+use palpate_body::{Body, Node, Rows, Sample};
 use std::array::from_fn;
 
 /// Which interpolations are taken away, as in the paper's section 5: either makes the force jump at mesh edges.
@@ -32,11 +33,13 @@ pub(crate) struct Law {
 }
 
 impl Law {
-    fn interpolates_frames(self) -> bool {
+    #[inline]
+    pub(crate) fn interpolates_frames(self) -> bool {
         matches!(self.ablation, Ablation::None | Ablation::Responses)
     }
 
-    fn interpolates_responses(self) -> bool {
+    #[inline]
+    pub(crate) fn interpolates_responses(self) -> bool {
         matches!(self.ablation, Ablation::None | Ablation::Coordinates)
     }
 
@@ -54,7 +57,7 @@ pub(crate) struct Site<'a, L: Lateral> {
     pub body: &'a Body,
     pub law: Law,
     pub element: u32,
-    nodes: [&'a Node; 3],
+    pub nodes: [&'a Node; 3],
     mix: Mix,
     depth: Rows<'a, 9>,
     lateral: Rows<'a, 5>,
@@ -95,7 +98,7 @@ pub(crate) struct Field {
     /// Σ n u, whose direction is û_c.
     frame: DVec3,
     /// Its length.
-    frame_length: f64,
+    pub frame_length: f64,
     /// δz, m.
     pub depth: f64,
     /// δr, m.
@@ -158,6 +161,12 @@ impl<'a, L: Lateral> Site<'a, L> {
             Mix::Own => self.nodes.map(|n| n.test_points[0]),
             Mix::Shared | Mix::Wide => self.nodes[0].test_points,
         }
+    }
+
+    /// The test points that all nodes mix, if they are the same.
+    #[inline]
+    pub fn shared(&self) -> Option<[u32; 3]> {
+        (self.mix == Mix::Shared).then_some(self.nodes[0].test_points)
     }
 
     /// Weights of the test points at area coordinates `n`; linear in `n`.
@@ -272,10 +281,29 @@ impl<'a, L: Lateral> Site<'a, L> {
         if self.law.interpolates_responses() { n } else { [1.0 / 3.0; 3] }
     }
 
+    /// b = (f_z − g û·A δ_t) δ_t − (δ·û) f_t, N·m: while û turns by dû, W rises by b·dû.
+    #[inline]
+    pub fn leverage(&self, n: [f64; 3], f: &Field) -> DVec3 {
+        let aside = self.stretch.beside(|| L::mix(self.tensors, self.response_coordinates(n)), f);
+        self.stretch.deflection(f) * (f.normal - aside) - f.u_t * (f.pull * (f.depth - self.law.radius_m))
+    }
+
+    /// δ_t·A_l δ_t of each node, m².
+    #[inline]
+    pub fn squares(&self, f: &Field) -> [f64; 3] {
+        L::squares(self.tensors, self.stretch.deflection(f))
+    }
+
     /// [`Rates`] in this element.
     #[inline]
     pub fn rates(&self, v: DVec3) -> Rates {
         Rates::new(self.corners(), v)
+    }
+
+    /// See [`Lateral::lead`], at `n`.
+    #[inline]
+    pub fn lead(&self, n: [f64; 3], f: &Field, drive: &Drive) -> DVec3 {
+        L::lead(|| L::mix(self.tensors, self.response_coordinates(n)), f, drive)
     }
 
     /// See [`Lateral::turned`], at `n`.
@@ -333,13 +361,6 @@ impl<'a, L: Lateral> Site<'a, L> {
         let (t, s) = (self.depth.distance(f.depth), self.lateral.distance(rho));
         let normal = if f.depth > 0.0 { Sample::at(i, [z0, z1, z2, z3], t) } else { Sample::default() };
         (normal, Sample::at(0.0, [m0, m1, m2, m3], t), Sample::at(j, [r0, r1, r2, r3], s))
-    }
-}
-
-impl Law {
-    /// The field at a contact point, once.
-    pub(crate) fn evaluate<L: Lateral>(self, body: &Body, at: SurfacePoint, tip: DVec3) -> Field {
-        Site::<L>::new(body, self, at.element).evaluate(at.n, tip)
     }
 }
 

@@ -6,6 +6,7 @@
 //!
 //! A step is compiled once for each of the two, so that isotropic bodies pay nothing.
 
+use crate::drive::Drive;
 use crate::field::Field;
 use glam::DVec3;
 use palpate_body::{Body, Sample, Tensor, tensor};
@@ -47,11 +48,26 @@ pub(crate) trait Lateral: Copy + Default {
     /// ρ, m.
     fn rho(&self, f: &Field) -> f64;
 
+    /// δ_t, m.
+    fn deflection(&self, f: &Field) -> DVec3;
+
+    /// g = f_r/ρ, N/m; 0 where there is no lateral deflection.
+    fn gain(&self, f: &Field) -> f64;
+
+    /// g û·A δ_t, N: what the tensor makes of the deflection along û.
+    fn beside(&self, tensor: impl FnOnce() -> Tensor, f: &Field) -> f64;
+
+    /// δ_t·A_l δ_t of each node.
+    fn squares(nodes: Self::Nodes<'_>, deflection: DVec3) -> [f64; 3];
+
     /// δ_t·v.
     fn along_deflection(&self, f: &Field, v: DVec3) -> f64;
 
-    /// Which way slip leads, a unit vector.
+    /// Which way f_t leads, a unit vector.
     fn aim(&self, f: &Field) -> DVec3;
+
+    /// Which way another drive leads, of which f_t is the part that changes as c moves.
+    fn lead(tensor: impl FnOnce() -> Tensor, f: &Field, drive: &Drive) -> DVec3;
 
     /// How much less f_t falls along `old` than along `new`, or more.
     fn turned(tensor: impl FnOnce() -> Tensor, old: DVec3, new: DVec3) -> f64;
@@ -128,6 +144,26 @@ impl Lateral for Isotropic {
     }
 
     #[inline(always)]
+    fn deflection(&self, f: &Field) -> DVec3 {
+        f.u_t * f.lateral
+    }
+
+    #[inline(always)]
+    fn gain(&self, f: &Field) -> f64 {
+        if f.lateral > 0.0 { f.pull / f.lateral } else { 0.0 }
+    }
+
+    #[inline(always)]
+    fn beside(&self, _: impl FnOnce() -> Tensor, _: &Field) -> f64 {
+        0.0
+    }
+
+    #[inline(always)]
+    fn squares((): (), deflection: DVec3) -> [f64; 3] {
+        [deflection.length_squared(); 3]
+    }
+
+    #[inline(always)]
     fn along_deflection(&self, f: &Field, v: DVec3) -> f64 {
         f.lateral * f.u_t.dot(v)
     }
@@ -135,6 +171,11 @@ impl Lateral for Isotropic {
     #[inline(always)]
     fn aim(&self, f: &Field) -> DVec3 {
         f.u_t
+    }
+
+    #[inline(always)]
+    fn lead(_: impl FnOnce() -> Tensor, _: &Field, drive: &Drive) -> DVec3 {
+        drive.along
     }
 
     #[inline(always)]
@@ -222,6 +263,26 @@ impl Lateral for Stretch {
     }
 
     #[inline(always)]
+    fn deflection(&self, _: &Field) -> DVec3 {
+        self.deflection
+    }
+
+    #[inline(always)]
+    fn gain(&self, f: &Field) -> f64 {
+        if self.rho > 0.0 { f.pull / (self.gain * self.rho) } else { 0.0 }
+    }
+
+    #[inline(always)]
+    fn beside(&self, tensor: impl FnOnce() -> Tensor, f: &Field) -> f64 {
+        f.u().dot(tensor::apply(&tensor(), self.deflection)) * Lateral::gain(self, f)
+    }
+
+    #[inline(always)]
+    fn squares(nodes: [&Tensor; 3], deflection: DVec3) -> [f64; 3] {
+        nodes.map(|a| deflection.dot(tensor::apply(a, deflection)))
+    }
+
+    #[inline(always)]
     fn along_deflection(&self, _: &Field, v: DVec3) -> f64 {
         self.deflection.dot(v)
     }
@@ -254,6 +315,21 @@ impl Lateral for Stretch {
         let v = (f.u_t * a + straight * b) * per;
         // A direction that has lost the force, or is none, leads nowhere.
         if f.pull * (a + b * part) * per > f.limit && v.is_finite() { v } else { f.u_t }
+    }
+
+    /// As [`Lateral::aim`], with the deflection that would make this drive: (λ A + ℓ I) v = w', hence
+    /// v ∝ (ℓ + 2 λ) w' − λ P A w' (A's trace in the plane is 2), and λ from where the drive alone would lead.
+    #[inline(always)]
+    fn lead(tensor: impl FnOnce() -> Tensor, f: &Field, drive: &Drive) -> DVec3 {
+        let (u, stretched) = (f.u(), tensor::apply(&tensor(), drive.along));
+        let stretched = stretched - u * u.dot(stretched);
+        let (rest, part) = (f.limit, drive.along.dot(stretched));
+        // Times the part, so that there is no quotient.
+        let way = drive.force - rest;
+        let v = drive.along * (rest * part + 2.0 * way) - stretched * way;
+        let v = v * (1.0 / v.length());
+        // A direction that has lost the drive, or is none, leads nowhere.
+        if drive.force * drive.along.dot(v) > rest && v.is_finite() { v } else { drive.along }
     }
 
     #[inline(always)]

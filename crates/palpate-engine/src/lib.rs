@@ -28,6 +28,7 @@
 
 pub mod certify;
 mod contact;
+mod drive;
 mod field;
 mod lateral;
 mod output;

@@ -1,22 +1,37 @@
 //! How fast the force can change: the Lipschitz bound of MODEL 5 at one state, for measuring clicks against.
 
+use crate::drive::{Consistent, Exact, Rule};
 use crate::field::{Law, Site};
 use crate::lateral::{Isotropic, Lateral, NO_DIRECTION, Stretch};
+use crate::walk::Rates;
 use glam::DVec3;
-use palpate_body::{Body, SurfacePoint};
+use palpate_body::{Body, SlipRule, SurfacePoint};
 
 /// L = K + |∂_s f| |∂_x φ| / η, N/m, with K the greatest stiffness in stick, max(f_z', f_r', f_r/δr) on an isotropic
 /// body; `None` where η ≤ 0.
 ///
-/// The slip term is there in stick too: the next step may slip.
-pub(crate) fn lipschitz(body: &Body, law: Law, at: SurfacePoint, tip: DVec3) -> Option<f64> {
-    if body.is_isotropic() {
-        bound(Site::<Isotropic>::new(body, law, at.element), at, tip)
-    } else {
-        bound(Site::<Stretch>::new(body, law, at.element), at, tip)
+/// The slip term is there in stick too: the next step may slip. For `exact` it is the bound within an element: from one to
+/// the next that rule's force may jump.
+pub(crate) fn lipschitz(body: &Body, law: Law, rule: SlipRule, at: SurfacePoint, tip: DVec3) -> Option<f64> {
+    match (rule, body.is_isotropic()) {
+        (SlipRule::Consistent, true) => {
+            measured::<_, Consistent>(Site::<Isotropic>::new(body, law, at.element), at, tip)
+        }
+        (SlipRule::Consistent, false) => {
+            measured::<_, Consistent>(Site::<Stretch>::new(body, law, at.element), at, tip)
+        }
+        (SlipRule::Exact, true) => {
+            measured::<_, Exact>(Site::<Isotropic>::new(body, law, at.element), at, tip)
+        }
+        (SlipRule::Exact, false) => {
+            measured::<_, Exact>(Site::<Stretch>::new(body, law, at.element), at, tip)
+        }
+        (_, true) => bound(Site::<Isotropic>::new(body, law, at.element), at, tip),
+        (_, false) => bound(Site::<Stretch>::new(body, law, at.element), at, tip),
     }
 }
 
+/// For the paper's rule, in closed form.
 fn bound<L: Lateral>(mut site: Site<L>, at: SurfacePoint, tip: DVec3) -> Option<f64> {
     let f = site.evaluate(at.n, tip);
     let drift = site.drift(at.n, &f, f.u_t);
@@ -29,12 +44,64 @@ fn bound<L: Lateral>(mut site: Site<L>, at: SurfacePoint, tip: DVec3) -> Option<
     (drift.eta > 0.0).then(|| stick + drift.force.length() * gradient / drift.eta)
 }
 
+/// Steps of the differences, m: below what curves and frames are smooth over, far above rounding.
+const STEP: f64 = 1e-7;
+/// A drive that would move c by no more than this (m) has no direction: rounding, and the search's tolerance.
+const NO_DRIVE: f64 = 1e-9;
+
+/// For any rule, by differences of its drive d: f, d and L while c or x moves.
+fn measured<L: Lateral, R: Rule>(mut site: Site<L>, at: SurfacePoint, tip: DVec3) -> Option<f64> {
+    let body = site.body;
+    let f = site.evaluate(at.n, tip);
+    let drift = site.drift(at.n, &f, f.u_t);
+    let stick = drift.normal_slope.max(drift.lateral_stiffness);
+    let f = site.evaluate(at.n, tip);
+    let drive = R::drive(&mut site, at.n, &f);
+    let mut slope = |rates: [f64; 3], dx: DVec3| {
+        let [up, down] = [STEP, -STEP].map(|s| {
+            let n = [at.n[0] + s * rates[0], at.n[1] + s * rates[1], at.n[2] + s * rates[2]];
+            let f = site.evaluate(n, tip + dx * s);
+            let drive = R::drive(&mut site, n, &f);
+            (f.force(), drive.along * drive.force, f.limit)
+        });
+        let per = 0.5 / STEP;
+        ((up.0 - down.0) * per, (up.1 - down.1) * per, (up.2 - down.2) * per)
+    };
+    let corners = body.corners(at.element);
+    let over = |v: DVec3| Rates::new(corners, v).each();
+    let in_tip = DVec3::AXES.map(|axis| slope([0.0; 3], axis));
+
+    if drive.force > NO_DRIVE * f.pull_slope {
+        // φ = d·v − L along the drive v.
+        let v = drive.along;
+        let (force, d, limit) = slope(over(v), DVec3::ZERO);
+        let eta = limit - d.dot(v);
+        let gradient = DVec3::from_array(in_tip.map(|(_, d, limit)| d.dot(v) - limit)).length();
+        return (eta > 0.0).then(|| stick + force.length() * gradient / eta);
+    }
+    // Without friction c goes to where the drive is zero, in both directions of the plane: −∂d/∂c dc = ∂d/∂x dx.
+    let s = (corners[1] - corners[0]).normalize_or_zero();
+    let t = body.outward(at.element).cross(s);
+    let [(force_s, d_s, _), (force_t, d_t, _)] = [s, t].map(|v| slope(over(v), DVec3::ZERO));
+    let [a, b, c, d] = [-d_s.dot(s), -d_t.dot(s), -d_s.dot(t), -d_t.dot(t)];
+    let (determinant, skew) = (a * d - b * c, 0.5 * (b + c));
+    if !(a + d > 0.0 && a * d > skew * skew) {
+        return None;
+    }
+    let follow = |(_, dx, _): (DVec3, DVec3, f64)| {
+        let (x, y) = (dx.dot(s), dx.dot(t));
+        (force_s * (d * x - b * y) + force_t * (a * y - c * x)) / determinant
+    };
+    let square: f64 = in_tip.map(|x| follow(x).length_squared()).iter().sum();
+    Some(stick + square.sqrt())
+}
+
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
     use crate::field::{Ablation, Field};
     use palpate_body::shape::{Resolution, Shape};
-    use palpate_body::{BodyParts, NodeMix, Provenance, Response, SlipRule, Tool, tensor};
+    use palpate_body::{BodyParts, NodeMix, Provenance, Response, Tool, tensor};
 
     /// A ball with responses, and tensors up to `ratio`, that differ from node to node; softening sideways.
     pub(crate) fn ball(ratio: f64) -> Body {
@@ -68,6 +135,26 @@ pub(crate) mod tests {
             provenance: Provenance::default(),
         })
         .unwrap()
+    }
+
+    #[test]
+    fn differences_give_the_closed_form() {
+        for (body, isotropic) in [(ball(1.0), true), (ball(4.0), false)] {
+            let law = Law { ablation: Ablation::None, radius_m: 2e-3 };
+            for element in 0..body.elements().len() as u32 {
+                let at = SurfacePoint { element, n: [0.3, 0.5, 0.2] };
+                let tip = body.point(at) - body.outward(element) * 5e-4 + DVec3::new(3e-4, -4e-4, 5e-4);
+                let [a, b] = if isotropic {
+                    let site = Site::<Isotropic>::new(&body, law, element);
+                    [bound(site, at, tip), measured::<_, crate::drive::Paper>(site, at, tip)]
+                } else {
+                    let site = Site::<Stretch>::new(&body, law, element);
+                    [bound(site, at, tip), measured::<_, crate::drive::Paper>(site, at, tip)]
+                };
+                let (a, b) = (a.unwrap(), b.unwrap());
+                assert!((a - b).abs() < 1e-4 * a, "{a} {b}");
+            }
+        }
     }
 
     /// |x − y| within 10⁻⁵ of the larger, or of 1 N/m.

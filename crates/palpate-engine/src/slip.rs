@@ -1,11 +1,13 @@
 //! Slip: at a fixed tip, the contact point moves until the drive is within the friction limit (paper, section 3.2;
-//! MODEL 4, rule `paper`).
+//! MODEL 4). One search for all rules, compiled for each of them.
 
+use crate::drive::{Drive, Rule};
 use crate::field::{Field, Site};
 use crate::lateral::Lateral;
 use crate::walk::{Launch, Stop, launch, walk};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use palpate_body::SurfacePoint;
+use std::marker::PhantomData;
 
 /// Bound on evaluations of the force law in a slip search.
 pub(crate) const MAX_EVALUATIONS: u32 = 64;
@@ -56,36 +58,67 @@ impl Pace {
     }
 }
 
+/// How c answers to the drive, ∂c/∂d, from the iterates of a Newton search: Broyden's second method.
+///
+/// Where friction is small, c goes to where the drive vanishes in both directions of the plane, and they are not equally
+/// stiff on a curved surface: the scalar secant alone would zigzag.
+struct Answer(DMat3);
+
+impl Answer {
+    #[inline(always)]
+    fn new(ease: f64) -> Self {
+        Answer(DMat3::from_diagonal(DVec3::splat(ease)))
+    }
+
+    /// The way that would take away a drive of this much.
+    #[inline]
+    fn way(&self, drive: DVec3) -> DVec3 {
+        self.0 * drive
+    }
+
+    /// The way `gone` has taken away `drop`.
+    #[inline]
+    fn learn(&mut self, gone: DVec3, drop: DVec3) {
+        let p = (gone - self.way(drop)) * (1.0 / drop.length_squared());
+        self.0 += DMat3::from_cols(p * drop.x, p * drop.y, p * drop.z);
+    }
+}
+
 /// The slip search: where the contact point is, what the law reads there, and what is left of the bounds.
-struct Search<'s, 'a, L: Lateral> {
+struct Search<'s, 'a, L: Lateral, R> {
+    rule: PhantomData<R>,
     site: &'s mut Site<'a, L>,
     tip: DVec3,
     at: &'s mut SurfacePoint,
     field: &'s mut Field,
+    /// As the rule reads it there.
+    drive: Drive,
     pace: &'s mut Pace,
     evaluations: u32,
     crossings: u32,
 }
 
-/// Lets the contact point run from `at`, where the law reads `field`. `site` is at's element.
+/// Lets the contact point run from `at`, where the law reads `field` and the rule `drive`. `site` is at's element.
 #[inline]
-pub(crate) fn slip<L: Lateral>(
+pub(crate) fn slip<L: Lateral, R: Rule>(
     site: &mut Site<L>,
     at: &mut SurfacePoint,
     field: &mut Field,
+    drive: Drive,
     tip: DVec3,
     pace: &mut Pace,
 ) -> Slipped {
     let (evaluations, crossings) = (MAX_EVALUATIONS, MAX_CROSSINGS);
-    let mut search = Search { site, tip, at, field, pace, evaluations, crossings };
+    let rule = PhantomData::<R>;
+    let mut search = Search { rule, site, tip, at, field, drive, pace, evaluations, crossings };
     let end = search.run();
     Slipped { end, evaluations: evaluations - search.evaluations, crossings: crossings - search.crossings }
 }
 
-impl<L: Lateral> Search<'_, '_, L> {
+impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
     fn run(&mut self) -> End {
         let mut stalled = 0;
-        while !within(self.field.pull, self.field) {
+        while !within(&self.drive, self.field) {
             if self.evaluations == 0 || self.crossings == 0 {
                 return End::Capped;
             }
@@ -117,21 +150,27 @@ impl<L: Lateral> Search<'_, '_, L> {
     /// The drive's direction from here, if there is a way: the contact point may stand on an edge or a vertex.
     #[inline]
     fn launch(&mut self) -> Result<DVec3, End> {
-        let u_t = self.field.u_t;
+        let drive = self.drive;
         if self.at.n[0] != 0.0 && self.at.n[1] != 0.0 && self.at.n[2] != 0.0 {
-            return Ok(self.site.stretch.aim(self.field));
+            return Ok(self.aim());
         }
         let (body, law, tip) = (self.site.body, self.site.law, self.tip);
-        let way = if law.is_continuous() && !body.has_creases() {
-            launch(body, *self.at, |_| u_t)
+        let way = if R::CONTINUOUS && law.is_continuous() && !body.has_creases() {
+            launch(body, *self.at, |_| drive.along)
         } else {
-            launch(body, *self.at, |there| law.evaluate::<L>(body, there, tip).u_t)
+            launch(body, *self.at, |there| {
+                let mut site = Site::<L>::new(body, law, there.element);
+                let field = site.evaluate(there.n, tip);
+                R::drive(&mut site, there.n, &field).along
+            })
         };
         let (there, v) = match way {
             Launch::Held => return Err(End::Blocked),
             Launch::Border => return Err(End::Border),
             // On an edge only the component along it drives.
-            Launch::Edge(_, along) if within(self.field.pull * u_t.dot(along), self.field) => {
+            Launch::Edge(_, along)
+                if within(&Drive { force: drive.force * drive.along.dot(along), ..drive }, self.field) =>
+            {
                 return Err(End::Blocked);
             }
             Launch::Edge(there, along) => (there, Some(along)),
@@ -141,7 +180,17 @@ impl<L: Lateral> Search<'_, '_, L> {
             *self.at = there;
             self.evaluate_again();
         }
-        Ok(v.unwrap_or(self.field.u_t))
+        Ok(v.unwrap_or(self.drive.along))
+    }
+
+    /// Which way the drive leads.
+    #[inline(always)]
+    fn aim(&self) -> DVec3 {
+        if R::LATERAL {
+            self.site.stretch.aim(self.field)
+        } else {
+            self.site.lead(self.at.n, self.field, &self.drive)
+        }
     }
 
     /// Newton's method on f_r − L, each time along the drive of the moment; the first time with the reciprocal slope
@@ -152,11 +201,15 @@ impl<L: Lateral> Search<'_, '_, L> {
     #[inline]
     fn newton(&mut self, v: DVec3, ease: f64) -> bool {
         // Slopes between a tenth and ten times f_r' are believed; and c never has to run much farther than δr.
-        let (stiffness, farthest) = (self.field.pull_slope, 1.5 * self.field.lateral);
+        let (stiffness, farthest) = (self.field.pull_slope, 1.5 * self.drive.reach);
         let believable = |ease: f64| ease * stiffness < 10.0 && ease * stiffness > 0.1;
         let (mut v, mut ease, mut travelled) = (v, ease, 0.0);
-        let first = self.field.pull * self.field.u_t.dot(v) - self.field.limit;
+        let first = self.drive.force * self.drive.along.dot(v) - self.field.limit;
+        let energy = self.field.energy;
         let mut excess = first;
+        // The paper's rule has the scalar secant alone.
+        let (bent, mut answer) = (L::ISOTROPIC && !R::LATERAL, Answer::new(ease));
+        let mut residual = self.drive.along * first;
         while self.evaluations > 0 && believable(ease) && excess * ease <= farthest {
             let way = excess * ease;
             let rates = self.site.rates(v * way.signum());
@@ -172,10 +225,13 @@ impl<L: Lateral> Search<'_, '_, L> {
             self.evaluate();
             travelled += way;
             // Seen along the old drive: past the root it has changed sides where L is nearly 0.
-            let seen = self.field.pull * self.field.u_t.dot(v) - self.field.limit;
-            let now = self.field.pull - self.field.limit;
+            let seen = self.drive.force * self.drive.along.dot(v) - self.field.limit;
+            let now = self.drive.force - self.field.limit;
+            if R::PASSIVE && raised(self.field, energy) {
+                return false;
+            }
             // Past the tip, |f_r| = L has a second root: there friction would push.
-            if self.field.u_t.dot(v) < 0.0 && self.field.limit > tolerance(self.field) {
+            if self.drive.along.dot(v) < 0.0 && self.field.limit > tolerance(self.field) {
                 return false;
             }
             if now.abs() <= tolerance(self.field) {
@@ -188,16 +244,28 @@ impl<L: Lateral> Search<'_, '_, L> {
             if stop != Stop::Reached {
                 return true;
             }
-            if now.abs() > 0.5 * excess.abs() {
+            if now.abs() > if bent { 2.0 } else { 0.5 } * excess.abs() {
                 return false;
+            }
+            if bent {
+                let left = self.drive.along * now;
+                answer.learn(v * way, residual - left);
+                let next = answer.way(left);
+                let length = next.length();
+                if !(length > 0.0 && length.is_finite()) {
+                    return false;
+                }
+                (residual, excess, ease) = (left, now, length / now.abs());
+                v = next * (now.signum() / length);
+                continue;
             }
             ease = way / (excess - seen);
             (v, excess) = if L::ISOTROPIC {
-                (self.field.u_t, now)
+                (self.drive.along, now)
             } else {
-                let aim = self.site.stretch.aim(self.field);
+                let aim = self.aim();
                 ease *= self.site.turned(self.at.n, v, aim);
-                (aim, self.field.pull * self.field.u_t.dot(aim) - self.field.limit)
+                (aim, self.drive.force * self.drive.along.dot(aim) - self.field.limit)
             };
         }
         false
@@ -211,8 +279,13 @@ impl<L: Lateral> Search<'_, '_, L> {
     #[cold]
     #[inline(never)]
     fn line(&mut self, v: DVec3) -> f64 {
-        let drive = |f: &Field| f.pull * f.u_t.dot(v) - f.limit;
-        let (mut s, mut g) = (0.0, drive(self.field));
+        let energy = self.field.energy;
+        let excess = |d: &Drive, f: &Field| {
+            let excess = d.force * d.along.dot(v) - f.limit;
+            // Over a hump into another valley of the energy: too far, whatever the drive says there.
+            if R::PASSIVE && raised(f, energy) { -excess.abs() - 2.0 * tolerance(f) } else { excess }
+        };
+        let (mut s, mut g) = (0.0, excess(&self.drive, self.field));
         if g <= 0.0 {
             return 0.0;
         }
@@ -222,7 +295,7 @@ impl<L: Lateral> Search<'_, '_, L> {
         let eta = self.site.drift(self.at.n, self.field, v).eta;
         let slope = if eta > 0.1 * self.field.pull_slope { eta } else { self.field.pull_slope };
         // On a curve that has gone flat the slope leads far away; the root lies within about δr.
-        let mut target = (g / slope).min(self.field.lateral);
+        let mut target = (g / slope).min(self.drive.reach);
         let mut tries = 0;
         while self.evaluations > 0 {
             let way = target - s;
@@ -234,7 +307,7 @@ impl<L: Lateral> Search<'_, '_, L> {
             self.evaluate_again();
             let (s_before, g_before) = (s, g);
             s += walked * way.signum();
-            g = drive(self.field);
+            g = excess(&self.drive, self.field);
             tries += 1;
             if g.abs() <= tolerance(self.field) {
                 return s;
@@ -255,7 +328,7 @@ impl<L: Lateral> Search<'_, '_, L> {
             target = match high {
                 Some((end, there)) if end - low.0 <= CLOSED => {
                     // A jump of the frame or the response: rest on its far side, within the limit.
-                    *self.at = there;
+                    *self.at = if R::CONTINUOUS { there } else { on_edge(there) };
                     self.evaluate_again();
                     return end;
                 }
@@ -277,6 +350,7 @@ impl<L: Lateral> Search<'_, '_, L> {
             self.site.move_to(self.at.element);
         }
         *self.field = self.site.evaluate(self.at.n, self.tip);
+        self.drive = R::drive(self.site, self.at.n, self.field);
     }
 
     /// The same off the fast path.
@@ -296,13 +370,27 @@ impl<L: Lateral> Search<'_, '_, L> {
     }
 }
 
-/// Whether a force is within the limit, up to [`tolerance`].
-#[inline]
-pub(crate) fn within(force: f64, field: &Field) -> bool {
-    force - field.limit <= tolerance(field) || field.lateral <= NO_DEFLECTION
+/// The same point, put on the edge that it is a hair away from, so that its search goes on along the edge.
+#[cold]
+fn on_edge(at: SurfacePoint) -> SurfacePoint {
+    let n = at.n.map(|n| if n < 1e-8 { 0.0 } else { n });
+    let per = 1.0 / (n[0] + n[1] + n[2]);
+    SurfacePoint { n: n.map(|n| n * per), ..at }
 }
 
-/// A lateral deflection below this is rounding, m.
+/// Whether the energy has risen above `energy` by more than rounding.
+#[inline]
+fn raised(field: &Field, energy: f64) -> bool {
+    field.energy > energy * (1.0 + 1e-14)
+}
+
+/// Whether a drive is within the limit, up to [`tolerance`].
+#[inline]
+pub(crate) fn within(drive: &Drive, field: &Field) -> bool {
+    drive.force - field.limit <= tolerance(field) || drive.reach <= NO_DEFLECTION
+}
+
+/// A way below this is rounding, m.
 const NO_DEFLECTION: f64 = 1e-12;
 
 /// 10⁻⁶ of the limit, a micronewton of a newton, and [`NO_DEFLECTION`], N.

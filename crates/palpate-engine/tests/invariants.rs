@@ -4,7 +4,7 @@ mod common;
 
 use common::*;
 use glam::{DMat3, DQuat, DVec3};
-use palpate_body::{Body, Surface, Tensor, TriangleMesh, tensor};
+use palpate_body::{Body, SlipRule, Surface, Tensor, TriangleMesh, tensor};
 use palpate_engine::{Contact, Output};
 use proptest::prelude::*;
 
@@ -95,10 +95,13 @@ proptest! {
 
     /// (d) and the ledger: no force without contact, no contact without depth, and energy balances, at any speed.
     #[test]
-    fn the_ledger_balances(seed in any::<u64>(), kind in 0..KINDS, speed in 0.002f64..2.0, ratio in ratio(100.0)) {
+    fn the_ledger_balances(
+        seed in any::<u64>(), kind in 0..KINDS, speed in 0.002f64..2.0, ratio in ratio(100.0), rule in 0usize..3,
+    ) {
         let mut chance = Chance::new(seed);
         let friction = chance.range(0.0, 0.6);
         let body = anisotropic(&mesh(kind, &mut chance), &mut chance, 0.6, friction, ratio);
+        let body = ruled(&body, SlipRule::ALL[rule]);
         let path = wander(&body, &mut chance, speed, 600);
         let outputs = rollout(&body, &path);
         prop_assert!(speed < 0.05 || outputs.iter().any(|o| o.flags.in_contact));
@@ -116,10 +119,13 @@ proptest! {
 
     /// (a): from step to step the force changes by no more than the local Lipschitz bound allows.
     #[test]
-    fn the_force_is_lipschitz(seed in any::<u64>(), kind in 0..KINDS, speed in 0.002f64..0.02, ratio in ratio(4.0)) {
+    fn the_force_is_lipschitz(
+        seed in any::<u64>(), kind in 0..KINDS, speed in 0.002f64..0.02, ratio in ratio(4.0), rule in 0usize..2,
+    ) {
         let mut chance = Chance::new(seed);
         let friction = chance.range(0.05, 0.5);
         let body = anisotropic(&mesh(kind, &mut chance), &mut chance, 0.35, friction, ratio);
+        let body = ruled(&body, SlipRule::ALL[rule]);
         let path = wander(&body, &mut chance, speed, 500);
         let mut contact = Contact::new(&body);
         let mut last: Option<(DVec3, Output, f64)> = None;
@@ -140,10 +146,13 @@ proptest! {
 
     /// (b): the largest force step shrinks in proportion when the path is sampled finer.
     #[test]
-    fn finer_sampling_shrinks_the_steps(seed in any::<u64>(), kind in 0..KINDS, ratio in ratio(4.0)) {
+    fn finer_sampling_shrinks_the_steps(
+        seed in any::<u64>(), kind in 0..KINDS, ratio in ratio(4.0), rule in 0usize..2,
+    ) {
         let mut chance = Chance::new(seed);
         let friction = chance.range(0.1, 0.5);
         let body = anisotropic(&mesh(kind, &mut chance), &mut chance, 0.35, friction, ratio);
+        let body = ruled(&body, SlipRule::ALL[rule]);
         let path = wander(&body, &mut chance, 0.03, 250);
         // The largest step, and whether the path met anything that is no smooth contact.
         let largest = |path: &[DVec3]| {

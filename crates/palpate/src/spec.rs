@@ -149,7 +149,7 @@ impl Spec {
             friction: raw.friction.as_ref().map(|f| friction(&source, f)).transpose()?,
             deflection: raw.deflection.as_ref().map(|d| deflection(&source, d)).transpose()?,
             tool: raw.tool.as_ref().map_or(Ok(ToolShape::Point), |t| tool(&source, t))?.of_body(),
-            slip: raw.slip.as_ref().map_or(Ok(SlipRule::Paper), |s| slip(&source, s))?,
+            slip: raw.slip.as_ref().map_or(Ok(SlipRule::default()), |s| slip(&source, s))?,
             law,
             ignored,
             text,

@@ -3,7 +3,7 @@
 use crate::path::Waypoint;
 use anyhow::Result;
 use glam::DVec3;
-use palpate_body::Body;
+use palpate_body::{Body, SlipRule};
 use palpate_engine::{Ablation, Contact, Counters, Ledger, Output, ToolPose};
 use serde::Serialize;
 use std::io::Write;
@@ -16,12 +16,12 @@ pub struct Rollout<'b, I> {
     poses: I,
 }
 
-/// Leads a new contact on `body` along `poses`.
-pub fn rollout<I>(body: &Body, poses: I, ablation: Ablation) -> Rollout<'_, I::IntoIter>
+/// Leads a new contact on `body` along `poses`, with this slip rule.
+pub fn rollout<I>(body: &Body, poses: I, rule: SlipRule, ablation: Ablation) -> Rollout<'_, I::IntoIter>
 where
     I: IntoIterator<Item = ToolPose>,
 {
-    Rollout { body, contact: Contact::with_ablation(body, ablation), poses: poses.into_iter() }
+    Rollout { body, contact: Contact::with_slip(body, rule, ablation), poses: poses.into_iter() }
 }
 
 impl<I> Rollout<'_, I> {

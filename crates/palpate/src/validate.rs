@@ -421,7 +421,7 @@ impl Tried {
             }
             last = (depth, distance);
         }
-        let outputs = rollout(body, poses, Ablation::None);
+        let outputs = rollout(body, poses, body.slip(), Ablation::None);
         let forces = outputs.map(|o| -DVec3::from_array(o.force_n));
         forces.skip(BETWEEN as usize).step_by(BETWEEN as usize).collect()
     }

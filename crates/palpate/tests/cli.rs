@@ -1,7 +1,7 @@
 //! The command from outside: files in, files out, exit statuses, one-line complaints.
 
-use palpate_body::Body;
 use palpate_body::shape::{Resolution, Shape};
+use palpate_body::{Body, SlipRule};
 use palpate_engine::{Ablation, Output, ToolPose};
 use serde_json::Value;
 use std::fmt::Write as _;
@@ -249,7 +249,7 @@ fn a_trace_reads_back_to_the_same_bits() {
         desk.done(&format!("trace c.body --path path.csv --rate-hz 500 -o trace.csv --slip paper {flag}"));
         let rows = rows(&desk.path("trace.csv"));
         let poses: Vec<ToolPose> = rows.iter().map(|r| ToolPose::at([r[1], r[2], r[3]])).collect();
-        let outputs: Vec<Output> = palpate::trace::rollout(&body, poses, ablation).collect();
+        let outputs: Vec<Output> = palpate::trace::rollout(&body, poses, SlipRule::Paper, ablation).collect();
         assert_eq!(rows.len(), 201);
         assert!(rows.iter().any(|r| r[4] == 1.0) && rows.iter().any(|r| r[4] == 0.0 && r[6] == -1.0));
         for (row, output) in rows.iter().zip(&outputs) {
@@ -338,16 +338,22 @@ fn a_reader_that_goes_away_is_no_failure() {
 fn bench_gives_every_regime() {
     let desk = Desk::new();
     let plain = desk.json("bench --triangles 528,2000 --steps 10000 --json");
-    let stretched = desk.json("bench --triangles 528 --steps 10000 --anisotropic --json");
+    let stretched =
+        desk.json("bench --triangles 528 --steps 10000 --slip paper,consistent,exact --anisotropic --json");
     let [plain, stretched] = [&plain, &stretched].map(|d| d["results"].as_array().unwrap());
-    assert_eq!((plain.len(), stretched.len()), (10, 5));
-    assert!(stretched.iter().all(|row| row["anisotropic"] == true && row["slip"] == "paper"));
+    assert_eq!((plain.len(), stretched.len()), (20, 15));
+    for (i, row) in plain.iter().enumerate() {
+        assert_eq!(row["slip"], ["paper", "consistent"][i / 5 % 2]);
+    }
+    for (i, row) in stretched.iter().enumerate() {
+        assert_eq!(row["slip"], ["paper", "consistent", "exact"][i / 5]);
+    }
+    assert!(stretched.iter().all(|row| row["anisotropic"] == true));
     for row in plain.iter().chain(stretched) {
         let number = |key: &str| row[key].as_f64().unwrap();
         assert!(
             number("median_ns") > 0.0 && number("p99_ns") >= 0.0 && number("p999_ns") >= number("p99_ns")
         );
-        assert_eq!(row["slip"], "paper");
         assert_eq!(row["capped"], 0, "{row}");
         let (touching, slipping) = match row["regime"].as_str().unwrap() {
             "free" => (0.0..=0.0, 0.0..=0.0),

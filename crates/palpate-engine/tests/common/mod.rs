@@ -247,6 +247,11 @@ pub fn stretched(surface: Surface, feel: Feel, tensor: Option<&dyn Fn(DVec3, DVe
     .unwrap()
 }
 
+/// The same body with another slip rule.
+pub fn ruled(body: &Body, rule: SlipRule) -> Body {
+    Body::new(BodyParts { slip: rule, ..body.parts() }).unwrap()
+}
+
 pub fn uniform(mesh: &TriangleMesh, kz: f64, kr: f64, friction: f64) -> Body {
     let surface = Surface::build(mesh, f64::INFINITY).unwrap();
     body_of(surface, Feel { kz: &|_| kz, kr: &|_| kr, friction: &|_| friction, radius_m: 0.0 })

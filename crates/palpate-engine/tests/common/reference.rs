@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 use glam::DVec3;
-use palpate_body::{Body, Response, tensor};
+use palpate_body::{Body, Response, SlipRule, tensor};
 
 /// What the force law reads at one contact point.
 #[derive(Clone, Copy, Debug)]
@@ -26,6 +26,7 @@ impl Reading {
 
 pub struct Reference<'a> {
     body: &'a Body,
+    rule: SlipRule,
     responses: Vec<Response>,
     neighbours: Vec<Vec<usize>>,
     contact: Option<(usize, DVec3)>,
@@ -36,7 +37,7 @@ pub struct Reference<'a> {
 }
 
 impl<'a> Reference<'a> {
-    pub fn new(body: &'a Body) -> Self {
+    pub fn new(body: &'a Body, rule: SlipRule) -> Self {
         let responses = (0..body.nodes().len()).map(|n| body.node_response(n).unwrap()).collect();
         let triangles: Vec<[u32; 3]> = body.elements().iter().map(|e| e.nodes).collect();
         let touching = |a: &[u32; 3]| {
@@ -45,6 +46,7 @@ impl<'a> Reference<'a> {
         let neighbours = triangles.iter().map(touching).collect();
         Reference {
             body,
+            rule,
             responses,
             neighbours,
             contact: None,
@@ -100,6 +102,112 @@ impl<'a> Reference<'a> {
         }
     }
 
+    /// The vector that slip follows. Energies are differenced here at the tip held, and no formula of the engine's is used.
+    pub fn drive(&self, reading: &Reading, element: usize, c: DVec3, tip: DVec3) -> DVec3 {
+        match self.rule {
+            SlipRule::Exact => -self.slope(element, |c| self.read(element, c, tip).energy, c),
+            SlipRule::Consistent => {
+                let p_u = |v: DVec3| v - reading.u * v.dot(reading.u);
+                // What W loses while û alone turns, or A, or the curves change: the law at other places, averaged.
+                let n = self.area_coordinates(element, c);
+                let nodes = self.body.elements()[element].nodes.map(|n| n as usize);
+                let mut sum = DVec3::ZERO;
+                for l in 0..3 {
+                    let gradient =
+                        self.nodal(nodes[l], |l, _| self.curves_at(l, tip - c, reading.u, element, n));
+                    let u = self.body.nodes()[nodes[l]].inward;
+                    sum += n[l] * (gradient - u * (0.5 * reading.u.dot(gradient)));
+                    sum += n[l] * self.nodal(nodes[l], |_, u| self.turned(u, element, n, tip - c));
+                }
+                reading.u_r * reading.fr - p_u(sum)
+            }
+            _ => reading.u_r * reading.fr,
+        }
+    }
+
+    /// W of the element's law with the curves of node `l` alone and, so that tensors count, ½ of its tensor's share.
+    fn curves_at(&self, l: usize, delta: DVec3, u: DVec3, element: usize, n: [f64; 3]) -> f64 {
+        let depth = delta.dot(u) + self.body.tool().radius_m;
+        let tangential = delta - u * delta.dot(u);
+        let a = self.mixed_tensor(element, n, tangential);
+        let rho = a.dot(tangential).sqrt();
+        let stored = if depth > 0.0 { self.responses[l].normal.integral(depth) } else { 0.0 };
+        let own = self.body.lateral_tensors().map_or(tangential, |a| tensor::apply(&a[l], tangential));
+        let nodes = self.body.elements()[element].nodes;
+        let fr: f64 = (0..3).map(|i| n[i] * self.responses[nodes[i] as usize].lateral.value(rho)).sum();
+        let half = if rho > 0.0 { 0.5 * fr / rho } else { 0.0 };
+        stored + self.responses[l].lateral.integral(rho) + half * own.dot(tangential)
+    }
+
+    fn mixed_tensor(&self, element: usize, n: [f64; 3], v: DVec3) -> DVec3 {
+        let nodes = self.body.elements()[element].nodes;
+        let tensors = self.body.lateral_tensors();
+        (0..3).map(|i| tensors.map_or(v, |a| tensor::apply(&a[nodes[i] as usize], v)) * n[i]).sum()
+    }
+
+    /// b·u/|Σnu| for a node's frame u, with b from how W changes when û is turned a little and everything else held.
+    fn turned(&self, own: DVec3, element: usize, n: [f64; 3], delta: DVec3) -> f64 {
+        let nodes = self.body.elements()[element].nodes.map(|n| n as usize);
+        let frame = (0..3).map(|i| self.body.nodes()[nodes[i]].inward * n[i]).sum::<DVec3>();
+        let energy = |u: DVec3| -> f64 {
+            let depth = delta.dot(u) + self.body.tool().radius_m;
+            let tangential = delta - u * delta.dot(u);
+            let rho = self.mixed_tensor(element, n, tangential).dot(tangential).sqrt();
+            let one = |r: &Response| {
+                (if depth > 0.0 { r.normal.integral(depth) } else { 0.0 }) + r.lateral.integral(rho)
+            };
+            (0..3).map(|i| n[i] * one(&self.responses[nodes[i]])).sum()
+        };
+        // The direction in which this node's frame pulls û.
+        let u = frame.normalize();
+        let pull = (own - u * own.dot(u)) / frame.length();
+        if pull.length() < 1e-9 {
+            return 0.0;
+        }
+        let (h, way) = (1e-5, pull.normalize());
+        let at = |s: f64| energy((u + way * s).normalize());
+        (at(h) - at(-h)) / (2.0 * h) * pull.length()
+    }
+
+    /// Area-weighted mean over the elements around a node of Σ x_j ∇n_j, each turned into the node's tangent plane; `x` is
+    /// given the node and its frame, as far as it lies in the element, turned likewise.
+    fn nodal(&self, node: usize, x: impl Fn(usize, DVec3) -> f64) -> DVec3 {
+        let (mut sum, mut areas) = (DVec3::ZERO, 0.0);
+        for (e, element) in self.body.elements().iter().enumerate() {
+            if !element.nodes.contains(&(node as u32)) {
+                continue;
+            }
+            let [a, b, c] = self.corners(e);
+            let twice = (b - a).cross(c - a);
+            let normal = -twice.normalize();
+            let turn = glam::DQuat::from_rotation_arc(normal, self.body.nodes()[node].inward);
+            let values = element.nodes.map(|n| {
+                let u = self.body.nodes()[n as usize].inward;
+                x(n as usize, turn * (u - normal * u.dot(normal)))
+            });
+            let gradient = self.slope(
+                e,
+                |p| {
+                    let n = self.area_coordinates(e, p);
+                    (0..3).map(|j| n[j] * values[j]).sum()
+                },
+                (a + b + c) / 3.0,
+            );
+            sum += turn * gradient * twice.length();
+            areas += twice.length();
+        }
+        sum / areas
+    }
+
+    /// The gradient of a function over an element's plane.
+    fn slope(&self, element: usize, x: impl Fn(DVec3) -> f64, c: DVec3) -> DVec3 {
+        let [a, b, d] = self.corners(element);
+        let s = (b - a).normalize();
+        let t = (b - a).cross(d - a).normalize().cross(s);
+        let h = 1e-7;
+        [s, t].map(|v| v * ((x(c + v * h) - x(c - v * h)) / (2.0 * h))).into_iter().sum()
+    }
+
     /// One sample of a point tool; the force on it.
     pub fn step(&mut self, tip: DVec3) -> DVec3 {
         let from = self.last.replace(tip);
@@ -148,12 +256,13 @@ impl<'a> Reference<'a> {
     fn slip(&self, mut element: usize, mut c: DVec3, tip: DVec3) -> (usize, DVec3) {
         for _ in 0..20_000 {
             let reading = self.read(element, c, tip);
-            let excess = reading.fr - reading.limit;
+            let drive = self.drive(&reading, element, c, tip);
+            let excess = drive.length() - reading.limit;
             if excess <= 1e-9 * reading.limit + 1e-11 * reading.fr / reading.lateral.max(1e-12) {
                 break;
             }
             let stiffness = (reading.fr / reading.lateral).max(1.0);
-            let way = reading.u_r * (excess / stiffness / 24.0);
+            let way = drive.normalize_or_zero() * (excess / stiffness / 24.0);
             // Of the elements that hold c, the one in which the projected drive goes inwards.
             let holds = |e: usize| {
                 let [a, b, d] = self.corners(e);
@@ -175,7 +284,7 @@ impl<'a> Reference<'a> {
                     edge * way.dot(edge)
                 });
                 let velocity = velocity.max_by(|a, b| a.length().total_cmp(&b.length()))?;
-                let drives = reading.fr * velocity.length() / way.length() > reading.limit;
+                let drives = drive.length() * velocity.length() / way.length() > reading.limit;
                 drives.then_some((e, velocity))
             };
             let found = around().find_map(holds).or_else(|| around().find_map(along_edge));

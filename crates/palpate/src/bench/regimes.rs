@@ -4,7 +4,7 @@ use super::Row;
 use super::cylinder::{LENGTH, RADIUS};
 use super::timing::{BATCH, Clock};
 use palpate_body::{Body, SlipRule};
-use palpate_engine::{Contact, Counters, Output, ToolPose};
+use palpate_engine::{Ablation, Contact, Counters, Output, ToolPose};
 use std::f64::consts::PI;
 use std::hint::black_box;
 
@@ -16,27 +16,28 @@ const DEPTH: f64 = 3e-3;
 /// Of a drag: 0.1 m/s at 1 kHz, m.
 const STRIDE: f64 = 1e-4;
 
-/// Runs a regime for about `steps` steps.
-pub fn run(body: &Body, regime: &'static str, steps: usize, clock: &Clock) -> Row {
+/// Runs a regime for about `steps` steps, with this slip rule.
+pub fn run(body: &Body, rule: SlipRule, regime: &'static str, steps: usize, clock: &Clock) -> Row {
+    let new = || Contact::with_slip(body, rule, Ablation::None);
     let timed = match regime {
         // Two paths that never meet: one for batches, one for single steps.
         "slide-cold" => {
             let paths = [0.0, 0.5].map(|shift| helix(shift, 2e-3, steps.min(60_000)));
-            along(body, [&paths[0], &paths[1]], 0)
+            along(body, &new, [&paths[0], &paths[1]], 0)
         }
         "slide" => {
             let path = repeated(there_and_back(helix(0.0, 0.04, 1885)), steps);
-            along(body, [&path, &path], path.len().min(4000))
+            along(body, &new, [&path, &path], path.len().min(4000))
         }
         "stick" => {
             let path = repeated(circle(), steps);
-            along(body, [&path, &path], path.len().min(400))
+            along(body, &new, [&path, &path], path.len().min(400))
         }
         "free" => {
             let path = repeated(above(), steps);
-            along(body, [&path, &path], path.len().min(2000))
+            along(body, &new, [&path, &path], path.len().min(2000))
         }
-        _ => poke(body, (steps / 10).max(BATCH)),
+        _ => poke(body, &new, (steps / 10).max(BATCH)),
     };
     let n = timed.singles.len().max(1) as f64;
     let Counts { evaluations, crossings, capped, slipping, in_contact } = timed.counts;
@@ -44,10 +45,7 @@ pub fn run(body: &Body, regime: &'static str, steps: usize, clock: &Clock) -> Ro
         triangles: body.elements().len(),
         regime,
         anisotropic: !body.is_isotropic(),
-        slip: match body.slip() {
-            SlipRule::Paper => "paper",
-            _ => "other",
-        },
+        slip: rule.name(),
         steps: timed.singles.len(),
         evaluations_per_step: evaluations as f64 / n,
         crossings_per_step: crossings as f64 / n,
@@ -90,9 +88,14 @@ impl Counts {
 
 /// Leads a contact along the first path for batches and along the second for single steps. The first `lead_in` steps
 /// do not count.
-fn along(body: &Body, [batched, single]: [&[ToolPose]; 2], lead_in: usize) -> Timed {
+fn along(
+    body: &Body,
+    new: &dyn Fn() -> Contact,
+    [batched, single]: [&[ToolPose]; 2],
+    lead_in: usize,
+) -> Timed {
     let mut timed = Timed::default();
-    let mut contact = enter(body, batched);
+    let mut contact = enter(body, new(), batched);
     for poses in batched.chunks_exact(BATCH).skip(lead_in / BATCH) {
         timed.batches.push(Clock::nanoseconds(|| {
             for pose in poses {
@@ -100,7 +103,7 @@ fn along(body: &Body, [batched, single]: [&[ToolPose]; 2], lead_in: usize) -> Ti
             }
         }));
     }
-    let mut contact = enter(body, single);
+    let mut contact = enter(body, new(), single);
     let (lead_in, single) = single.split_at(lead_in.min(single.len()));
     for pose in lead_in {
         contact.step(body, pose);
@@ -121,8 +124,7 @@ fn along(body: &Body, [batched, single]: [&[ToolPose]; 2], lead_in: usize) -> Ti
 }
 
 /// A contact that came to the first pose from straight outside, to where the drag or the circle begins.
-fn enter(body: &Body, path: &[ToolPose]) -> Contact {
-    let mut contact = Contact::new(body);
+fn enter(body: &Body, mut contact: Contact, path: &[ToolPose]) -> Contact {
     if let Some(first) = path.first() {
         let [x, y, z] = first.position_m;
         let out = (RADIUS + 1e-3) / (x * x + y * y).sqrt();
@@ -134,12 +136,12 @@ fn enter(body: &Body, path: &[ToolPose]) -> Contact {
 
 /// Onsets at random places, 3 mm deep at once. Each contact waits 1 mm outside; it has come there from a place 60 mm
 /// away in space and 10 mm along the surface, so that the triangles it will touch are not in the cache.
-fn poke(body: &Body, count: usize) -> Timed {
+fn poke(body: &Body, new: &dyn Fn() -> Contact, count: usize) -> Timed {
     let mut timed = Timed::default();
     let mut random = Random(0x9e37_79b9_7f4a_7c15);
     let mut waiting = || {
         let (angle, z) = (2.0 * PI * random.unit(), LENGTH * (0.8 * random.unit() - 0.4));
-        let mut contact = Contact::new(body);
+        let mut contact = new();
         contact.step(body, &at(angle, RADIUS + 0.06, if z > 0.0 { z - 0.01 } else { z + 0.01 }));
         contact.step(body, &at(angle, RADIUS + 1e-3, z));
         (contact, at(angle, RADIUS - DEPTH, z))

@@ -35,6 +35,15 @@ pub struct Args {
     /// Steps of each regime [default: 200000]; with --simulate, load steps down to the depth [default: 8]
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
+    /// Slip rules to time
+    #[arg(
+        long,
+        value_enum,
+        value_name = "RULE,...",
+        value_delimiter = ',',
+        default_value = "paper,consistent"
+    )]
+    slip: Vec<super::Slip>,
     /// Tubes that are 1.9 times as stiff sideways along the axis as around it
     #[arg(long)]
     anisotropic: bool,
@@ -71,7 +80,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let body = cylinder(triangles, if args.anisotropic { 1.9 } else { 1.0 })?;
         let built = start.elapsed().as_secs_f64();
         console::note(&format!("{} triangles: built in {built:.1} s", body.elements().len()));
-        rows.extend(REGIMES.map(|regime| run_regime(&body, regime, steps, &clock)));
+        for rule in args.slip.iter().map(|s| s.rule()) {
+            rows.extend(REGIMES.map(|regime| run_regime(&body, rule, regime, steps, &clock)));
+        }
     }
     if args.json {
         console::json(&serde_json::json!({ "results": rows }))?;
@@ -83,23 +94,37 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 fn text(rows: &[Row]) -> String {
     let least = rows.iter().map(|r| r.triangles).min().unwrap_or(0);
-    let head = ["regime", "triangles", "median (ns)", "p99 (ns)", "p99.9 (ns)", "evaluations", "crossings"];
+    let first = rows.first().map_or("", |r| r.slip);
+    let head = [
+        "regime",
+        "triangles",
+        "slip rule",
+        "median (ns)",
+        "p99 (ns)",
+        "p99.9 (ns)",
+        "evaluations",
+        "crossings",
+    ];
     let mut lines = vec![head.map(str::to_owned).to_vec()];
-    lines[0].push(format!("to {least}"));
+    lines[0].extend([format!("to {least}"), format!("to {first}")]);
     for regime in REGIMES {
         let of = |r: &&Row| r.regime == regime;
-        let base =
-            rows.iter().filter(of).find(|r| r.triangles == least).map_or(f64::NAN, |r| r.times.median_ns);
+        let median = |triangles: usize, slip: &str| {
+            let row = rows.iter().filter(of).find(|r| r.triangles == triangles && r.slip == slip);
+            row.map_or(f64::NAN, |r| r.times.median_ns)
+        };
         lines.extend(rows.iter().filter(of).map(|r| {
             vec![
                 r.regime.to_owned(),
                 r.triangles.to_string(),
+                r.slip.to_owned(),
                 format!("{:.1}", r.times.median_ns),
                 format!("{:.0}", r.times.p99_ns),
                 format!("{:.0}", r.times.p999_ns),
                 format!("{:.2}", r.evaluations_per_step),
                 format!("{:.2}", r.crossings_per_step),
-                format!("{:.2}×", r.times.median_ns / base),
+                format!("{:.2}×", r.times.median_ns / median(least, r.slip)),
+                format!("{:.2}×", r.times.median_ns / median(r.triangles, first)),
             ]
         }));
     }

@@ -127,7 +127,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         test_point_nodes,
         lateral_tensors: None,
         tool: spec.as_ref().map_or_else(Tool::point, |s| s.tool.clone()),
-        slip: spec.as_ref().map_or(SlipRule::Paper, |s| s.slip),
+        slip: spec.as_ref().map_or_else(SlipRule::default, |s| s.slip),
         provenance,
     })
     .map_err(|e| {

@@ -62,8 +62,6 @@ fn text(i: &Inspection) -> String {
         0.0 => t.shape.clone(),
         radius => format!("{} of radius {:.3} mm", t.shape, radius * 1e3),
     });
-    let slip =
-        serde_json::to_value(i.slip).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default();
     let ranges = &i.ranges;
     let rows = [
         ("nodes", i.nodes.to_string()),
@@ -83,7 +81,7 @@ fn text(i: &Inspection) -> String {
         ("stiffest to softest direction", between(i.lateral_ratio, "")),
         ("friction coefficient", between(ranges.friction, "")),
         ("tool", tools.collect::<Vec<_>>().join(", ")),
-        ("slip rule", slip),
+        ("slip rule", i.slip.name().to_owned()),
         ("made by", i.provenance.software.clone()),
         ("with", i.provenance.command.clone()),
     ];

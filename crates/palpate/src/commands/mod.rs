@@ -11,6 +11,28 @@ pub mod precompute;
 pub mod trace;
 pub mod validate;
 
+/// A slip rule, as options name it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Slip {
+    /// The seed paper's: can generate energy, never clicks
+    Paper,
+    /// The paper's with the energy's gradient: generates next to none, never clicks
+    Consistent,
+    /// Down the energy's own slope: generates none, clicks where facets meet
+    Exact,
+}
+
+impl Slip {
+    /// The same in a body.
+    pub fn rule(self) -> palpate_body::SlipRule {
+        match self {
+            Slip::Paper => palpate_body::SlipRule::Paper,
+            Slip::Consistent => palpate_body::SlipRule::Consistent,
+            Slip::Exact => palpate_body::SlipRule::Exact,
+        }
+    }
+}
+
 /// Why a command did not end with 0.
 #[derive(Debug)]
 pub enum Failure {

@@ -30,9 +30,9 @@ pub struct Args {
     /// Trace CSV to write
     #[arg(short, long, value_name = "TRACE.csv")]
     output: PathBuf,
-    /// Slip rule; this version has the paper's
+    /// Slip rule, in place of the body's own
     #[arg(long, value_enum)]
-    slip: Option<Slip>,
+    slip: Option<super::Slip>,
     /// Interpolation to take away, as in the paper's section 5
     #[arg(long, value_enum)]
     ablate: Option<Ablate>,
@@ -42,11 +42,6 @@ pub struct Args {
     /// Print a summary as JSON
     #[arg(long)]
     json: bool,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum Slip {
-    Paper,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -67,8 +62,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some(rate_hz) = args.rate_hz {
         waypoints = path::resample(&waypoints, rate_hz)?;
     }
-    // A body of this version knows one rule, the one that can be asked for.
-    let Slip::Paper = args.slip.unwrap_or(Slip::Paper);
+    let rule = args.slip.map_or(body.slip(), super::Slip::rule);
     let ablation = match args.ablate {
         None => Ablation::None,
         Some(Ablate::Coordinates) => Ablation::Coordinates,
@@ -79,7 +73,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut summary = Summary::default();
     files::replace_or_stream(&args.output, |out| {
         writeln!(out, "{COLUMNS}")?;
-        let mut rollout = rollout(&body, waypoints.iter().map(|w| w.pose), ablation);
+        let mut rollout = rollout(&body, waypoints.iter().map(|w| w.pose), rule, ablation);
         for waypoint in &waypoints {
             let Some(output) = rollout.next() else { break };
             write_row(out, waypoint, &output)?;

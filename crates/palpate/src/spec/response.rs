@@ -97,19 +97,14 @@ pub fn deflection(source: &Source, raw: &RawDeflection) -> Result<Deflection> {
 }
 
 pub fn slip(source: &Source, raw: &RawSlip) -> Result<SlipRule> {
-    match raw.rule.get_ref().as_str() {
-        "paper" => Ok(SlipRule::Paper),
-        "consistent" | "exact" => Err(source.error(
+    let rule = raw.rule.get_ref();
+    SlipRule::ALL.into_iter().find(|r| r.name() == rule).ok_or_else(|| {
+        source.error(
             raw.rule.span(),
-            &format!("this version does not have the slip rule `{}` yet", raw.rule.get_ref()),
-            "give rule = \"paper\"",
-        )),
-        other => Err(source.error(
-            raw.rule.span(),
-            &format!("there is no slip rule `{}`", other.escape_debug()),
-            "give rule = \"paper\"",
-        )),
-    }
+            &format!("there is no slip rule `{}`", rule.escape_debug()),
+            "give rule = \"consistent\", \"paper\" or \"exact\"",
+        )
+    })
 }
 
 pub fn law(source: &Source, raw: &RawResponse) -> Result<Law> {

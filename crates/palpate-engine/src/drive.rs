@@ -1,0 +1,280 @@
+//! The drives: what moves the contact point at a fixed tip (MODEL 4). A slip rule is its drive and nothing else.
+//!
+//! While c moves with the velocity t, D = −dW/dt is dissipated. With b = (f_z − g û·A δ_t) δ_t − (δ·û) f_t, g = f_r/ρ,
+//!
+//! ```text
+//! D = [f_c − Σ_l (W_l + b·u_l/|Σnu| + ½ g δ_t·A_l δ_t) ∇n_l]·t
+//! ```
+//!
+//! (for an isotropic body the bracket's sum is that of E2). Its vector is the drive of [`Exact`]; [`Consistent`] leaves out
+//! f_z û, which is at right angles to a smooth surface, and takes the gradients of the nodes for those of the element;
+//! [`Paper`] leaves out all but f_t.
+
+use crate::field::{Field, Site};
+use crate::lateral::Lateral;
+use glam::DVec3;
+use palpate_body::Known;
+
+/// A drive, to be brought within the friction limit.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Drive {
+    /// Its direction, a unit vector, or zero.
+    pub along: DVec3,
+    /// Its size, N.
+    pub force: f64,
+    /// About how far it may have to take the contact point, m.
+    pub reach: f64,
+}
+
+impl Drive {
+    fn of(vector: DVec3, f: &Field) -> Self {
+        let force = vector.length();
+        let along = if force > 0.0 { vector * (1.0 / force) } else { DVec3::ZERO };
+        // The lateral deflection may have to grow to what balances the rest.
+        let reach = f.lateral + if f.pull_slope > 0.0 { force / f.pull_slope } else { 0.0 };
+        Drive { along, force, reach }
+    }
+}
+
+/// A slip rule.
+pub(crate) trait Rule {
+    /// Whether the drive agrees on the two sides of every edge that is no crease, where the law does.
+    const CONTINUOUS: bool;
+    /// Whether slip must not raise the energy: a way that does has gone too far.
+    const PASSIVE: bool = false;
+    /// Whether it drives along f_t.
+    const LATERAL: bool = false;
+
+    /// The drive at area coordinates `n`, where `f` was just evaluated.
+    fn drive<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> Drive;
+}
+
+/// f_t: the seed paper's section 3.2.
+pub(crate) struct Paper;
+
+impl Rule for Paper {
+    const CONTINUOUS: bool = true;
+    const LATERAL: bool = true;
+
+    #[inline(always)]
+    fn drive<L: Lateral>(_: &mut Site<L>, _: [f64; 3], f: &Field) -> Drive {
+        Drive { along: f.u_t, force: f.pull, reach: f.lateral }
+    }
+}
+
+/// g̃ (E3).
+pub(crate) struct Consistent;
+
+impl Rule for Consistent {
+    const CONTINUOUS: bool = true;
+
+    #[inline(always)]
+    fn drive<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> Drive {
+        Drive::of(consistent(site, n, f), f)
+    }
+}
+
+/// g (E2).
+pub(crate) struct Exact;
+
+impl Rule for Exact {
+    const CONTINUOUS: bool = false;
+    const PASSIVE: bool = true;
+
+    #[inline(always)]
+    fn drive<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> Drive {
+        Drive::of(exact(site, n, f), f)
+    }
+}
+
+/// g̃ = f_t − P_û Σ_l n_l [∇̄W_l + ∇̄(u·b)_l/|Σnu| + ½ g ∇̄(δ_t·A δ_t)_l] (E3), N.
+///
+/// Continuous over edges, the frame's turning like the energies': with an element's own ∇n_l it would jump wherever the
+/// elements at an edge are curved differently. P_û and not the element's plane for the same reason.
+pub(crate) fn consistent<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> DVec3 {
+    let Some(gradients) = site.body.derived_gradients() else { return f.u_t * f.pull };
+    let nodes = site.body.element_node_numbers(site.element);
+    let u = f.u();
+    let mut sum = DVec3::ZERO;
+    if site.law.interpolates_responses() {
+        let strain = site.body.responses().strain(f.depth, site.stretch.rho(f));
+        let known = site.shared().map_or(Known::NONE, |points| strain.known(points));
+        let (deflection, half) = (site.stretch.deflection(f), 0.5 * site.stretch.gain(f));
+        for ((n, number), node) in n.into_iter().zip(nodes).zip(site.nodes) {
+            let mut gradient = gradients.energy(number, node.test_points[0], &strain, &known);
+            if !L::ISOTROPIC {
+                gradient += gradients.tensor(number, deflection) * half;
+            }
+            // Turned from the node's plane into c's without losing length, up to the fourth order.
+            sum += (gradient - node.inward * (0.5 * u.dot(gradient))) * n;
+        }
+    }
+    if site.law.interpolates_frames() {
+        let b = site.leverage(n, f);
+        for (n, node) in n.into_iter().zip(nodes) {
+            sum += gradients.turn(node, b) * (n * (1.0 / f.frame_length));
+        }
+    }
+    f.u_t * f.pull - (sum - u * u.dot(sum))
+}
+
+/// g = P f_c − Σ_l [W_l + b·u_l/|Σnu| + ½ g δ_t·A_l δ_t] ∇n_l (E2), P on the element's plane, N.
+pub(crate) fn exact<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> DVec3 {
+    let mut share = [0.0; 3];
+    if site.law.interpolates_responses() {
+        let strain = site.body.responses().strain(f.depth, site.stretch.rho(f));
+        share = site.nodes.map(|node| {
+            let [a, b, c] = node.test_points.map(|t| strain.energy(t));
+            let [x, y, z] = node.weights;
+            x * a + y * b + z * c
+        });
+        if !L::ISOTROPIC {
+            let half = 0.5 * site.stretch.gain(f);
+            let squares = site.squares(f);
+            share = [0, 1, 2].map(|l: usize| pick(share, l) + half * pick(squares, l));
+        }
+    }
+    if site.law.interpolates_frames() {
+        let b = site.leverage(n, f) * (1.0 / f.frame_length);
+        let turns = site.nodes.map(|node| node.inward.dot(b));
+        share = [0, 1, 2].map(|l: usize| pick(share, l) + pick(turns, l));
+    }
+    // Σ ∇n_l = 0, so two differences are left. e1, e2 are the edges to corners 1 and 2.
+    let [p, q, r] = site.corners();
+    let (e1, e2) = (q - p, r - p);
+    let (s1, s2) = (share[1] - share[0], share[2] - share[0]);
+    let (a, b, c) = (e1.length_squared(), e1.dot(e2), e2.length_squared());
+    let gradient = (e1 * (c * s1 - b * s2) + e2 * (a * s2 - b * s1)) * (1.0 / (a * c - b * b));
+    let (force, normal) = (f.force(), e1.cross(e2));
+    force - normal * (normal.dot(force) / normal.length_squared()) - gradient
+}
+
+#[inline(always)]
+fn pick(of: [f64; 3], i: usize) -> f64 {
+    of.get(i).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::field::{Ablation, Law};
+    use crate::lateral::{Isotropic, Stretch};
+    use crate::sensitivity::tests::ball;
+    use palpate_body::{Body, NodeMix, SurfacePoint};
+
+    /// The ball, and the same with nodes that mix three neighbours' curves, or fade.
+    fn bodies(ratio: f64) -> Vec<Body> {
+        let own = ball(ratio);
+        let mut mixed = own.parts();
+        let count = mixed.responses.len() as u32;
+        for (n, mix) in mixed.mixes.iter_mut().enumerate() {
+            let n = n as u32;
+            *mix = match n % 3 {
+                0 => NodeMix { test_points: [0, 7, 19], weights: [0.2, 0.5, 0.3] },
+                1 => NodeMix { test_points: [0, 7, 19], weights: [0.7, 0.0, 0.3] },
+                _ => {
+                    NodeMix { test_points: [n, (n + 5) % count, (n + 9) % count], weights: [0.25, 0.25, 0.5] }
+                }
+            };
+        }
+        vec![own, Body::new(mixed).unwrap()]
+    }
+
+    #[test]
+    fn the_exact_drive_is_the_slope_of_the_energy() {
+        slopes::<Isotropic>(&bodies(1.0));
+        slopes::<Stretch>(&bodies(3.0));
+        slopes::<Stretch>(&bodies(30.0));
+    }
+
+    fn slopes<L: Lateral>(bodies: &[Body]) {
+        let mut seed = 11u64;
+        let mut unit = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (seed >> 11) as f64 / (1u64 << 53) as f64
+        };
+        for case in 0..1000 {
+            let body = &bodies[case % bodies.len()];
+            assert_eq!(body.is_isotropic(), L::ISOTROPIC);
+            let ablation = [Ablation::None, Ablation::Coordinates, Ablation::Responses, Ablation::Both];
+            let law = Law { ablation: ablation[case / 2 % 4], radius_m: 2e-3 };
+            let element = (unit() * body.elements().len() as f64) as u32;
+            let (a, b) = (0.2 + 0.3 * unit(), 0.2 + 0.3 * unit());
+            let n = [a, b, 1.0 - a - b];
+            let mut site = Site::<L>::new(body, law, element);
+            let u = site.evaluate(n, DVec3::ZERO).u();
+            let c = body.point(SurfacePoint { element, n });
+            let aside = DVec3::new(unit() - 0.5, unit() - 0.5, unit() - 0.5) * 3e-3;
+            let tip = c + u * (2e-3 * unit() - 5e-4) + (aside - u * aside.dot(u));
+            let f = site.evaluate(n, tip);
+            let drive = exact(&mut site, n, &f);
+            assert!(drive.dot(body.outward(element)).abs() < 1e-12 * (1.0 + drive.length()));
+            for _ in 0..3 {
+                let v = DVec3::new(unit() - 0.5, unit() - 0.5, unit() - 0.5).normalize();
+                let (h, rates) = (1e-7, site.rates(v).each());
+                let mut energy = |s: f64| site.evaluate([0, 1, 2].map(|i| n[i] + s * rates[i]), tip).energy;
+                let slope = (energy(-h) - energy(h)) / (2.0 * h);
+                let error = (slope - drive.dot(v)).abs();
+                assert!(error < 1e-6 * (0.01 + drive.length()), "case {case}: {slope} {}", drive.dot(v));
+            }
+        }
+    }
+
+    #[test]
+    fn the_consistent_drive_is_continuous_over_edges() {
+        continuity::<Isotropic>(&bodies(1.0));
+        continuity::<Stretch>(&bodies(3.0));
+    }
+
+    fn continuity<L: Lateral>(bodies: &[Body]) {
+        for body in bodies {
+            body.gradients();
+            let law = Law { ablation: Ablation::None, radius_m: 0.0 };
+            let mut jumps = 0.0f64;
+            for element in 0..body.elements().len() as u32 {
+                for edge in 0..3 {
+                    let (beyond, other) = body.across(element, edge).unwrap();
+                    let mut n = [0.0; 3];
+                    (n[edge], n[(edge + 1) % 3]) = (0.3, 0.7);
+                    let mut m = [0.0; 3];
+                    (m[other], m[(other + 1) % 3]) = (0.7, 0.3);
+                    let c = body.point(SurfacePoint { element, n });
+                    let tip = c - body.outward(element) * 3e-3 + DVec3::new(1e-3, -5e-4, 7e-4);
+                    let read = |element, n| {
+                        let mut site = Site::<L>::new(body, law, element);
+                        let f = site.evaluate(n, tip);
+                        (consistent(&mut site, n, &f), exact(&mut site, n, &f))
+                    };
+                    let ((here, g), (there, h)) = (read(element, n), read(beyond, m));
+                    assert!((here - there).length() < 1e-12, "{here} {there}");
+                    jumps = jumps.max((g - h).length());
+                }
+            }
+            assert!(jumps > 1e-2, "the exact drive jumps");
+        }
+    }
+
+    /// Where nothing varies and the surface is flat, all rules are the paper's.
+    #[test]
+    fn on_a_uniform_plane_the_drives_agree() {
+        let positions = [(0.0, 0.0), (0.02, 0.001), (0.018, 0.02), (-0.003, 0.017), (0.008, 0.009)];
+        let mesh = palpate_body::TriangleMesh {
+            positions: positions.iter().map(|&(x, y)| DVec3::new(x, y, 0.0)).collect(),
+            triangles: vec![[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]],
+        };
+        let mut parts = ball(1.0).parts();
+        parts.surface = palpate_body::Surface::build(&mesh, f64::INFINITY).unwrap();
+        parts.mixes = vec![NodeMix { test_points: [3, 4, 5], weights: [0.5, 0.25, 0.25] }; 5];
+        parts.responses.truncate(6);
+        parts.test_point_nodes = vec![0; 6];
+        let body = Body::new(parts).unwrap();
+        body.gradients();
+        let law = Law { ablation: Ablation::None, radius_m: 0.0 };
+        let mut site = Site::<Isotropic>::new(&body, law, 1);
+        let n = [0.3, 0.3, 0.4];
+        let f = site.evaluate(n, DVec3::new(0.014, 0.009, -3e-3));
+        assert!(f.pull > 0.1);
+        assert!((exact(&mut site, n, &f) - f.u_t * f.pull).length() < 1e-13);
+        assert_eq!(consistent(&mut site, n, &f), f.u_t * f.pull);
+    }
+}
