@@ -232,8 +232,10 @@ pub struct Certificate {
     pub device: Option<device::Limits>,
     /// Both against friction, if asked for.
     pub window: Vec<WindowRow>,
-    /// The slip rule that it holds for.
+    /// The slip rule that it speaks of.
     pub slip: SlipRule,
+    /// What of it is not by bounds and search: how P follows from the rule, or that this version can't say.
+    pub remarks: Vec<String>,
     /// For which motions it holds.
     pub scope: Scope,
     /// Elements.
@@ -257,7 +259,7 @@ pub struct Scope {
     pub aside_rad: f64,
 }
 
-/// Adds up what was found on the elements.
+/// Adds up what was found on the elements, for the rule `paper`.
 pub fn certificate(body: &Body, assumptions: &Assumptions, elements: &[Element]) -> Certificate {
     let snap_free = holds(body, assumptions, elements, |e| &e.snap_free, Element::snap_free);
     // Bounds are of the negative.
@@ -278,7 +280,8 @@ pub fn certificate(body: &Body, assumptions: &Assumptions, elements: &[Element])
         stiffness_max_n_per_m: stiffness,
         device: None,
         window: Vec::new(),
-        slip: body.slip(),
+        slip: SlipRule::Paper,
+        remarks: Vec::new(),
         scope: Scope {
             depth_m: assumptions.depth_m.unwrap_or(end),
             step_m: assumptions.step_m,
@@ -288,5 +291,46 @@ pub fn certificate(body: &Body, assumptions: &Assumptions, elements: &[Element])
         border_edges: body.elements().iter().flat_map(|e| e.twins).filter(|t| *t == NO_TWIN).count(),
         creased_elements: elements.iter().filter(|e| e.creased).count(),
         too_far_elements: elements.iter().filter(|e| e.too_far).count(),
+    }
+}
+
+/// A certificate for a rule whose drive the bounds do not cover. `exact` is passive as it stands; nothing else is proved.
+pub fn uncovered(body: &Body, assumptions: &Assumptions, rule: SlipRule) -> Certificate {
+    let elements = body.elements().len();
+    let nothing = Holds {
+        holds: false,
+        margin: None,
+        found: None,
+        proved_elements: 0,
+        failing_elements: 0,
+        undecided_elements: elements,
+        worst: None,
+        witness: None,
+    };
+    let exact = rule == SlipRule::Exact;
+    let passive = Holds {
+        holds: exact,
+        margin: exact.then_some(0.0),
+        proved_elements: if exact { elements } else { 0 },
+        undecided_elements: if exact { 0 } else { elements },
+        ..nothing.clone()
+    };
+    let remark = if exact {
+        "exact slips down the energy's own slope and never up, whatever the body: passive by construction. It clicks where \
+         facets meet; S and L are not looked into"
+    } else {
+        "the bounds of this version are for the rule paper; for consistent nothing is proved (--slip paper certifies that one)"
+    };
+    Certificate {
+        passive,
+        snap_free: nothing,
+        lipschitz_n_per_m: None,
+        lipschitz_found_n_per_m: None,
+        slip: rule,
+        remarks: vec![remark.to_owned()],
+        creased_elements: (0..elements as u32).filter(|&e| is_creased(body, e)).count(),
+        too_far_elements: 0,
+        elements,
+        ..certificate(body, assumptions, &[])
     }
 }

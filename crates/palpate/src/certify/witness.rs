@@ -2,9 +2,9 @@
 
 use crate::path::Waypoint;
 use glam::DVec3;
-use palpate_body::Body;
+use palpate_body::{Body, SlipRule};
 use palpate_engine::certify::{Assumptions, Cell, Criterion, Patch, State};
-use palpate_engine::{Contact, ToolPose};
+use palpate_engine::{Ablation, Contact, ToolPose};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -110,7 +110,7 @@ fn traced(body: &Body, tips: &[DVec3]) -> Option<Shown> {
 
 /// Energy generated, and the largest step of the force while in contact.
 fn rollout(body: &Body, tips: &[DVec3]) -> Option<(f64, f64)> {
-    let mut contact = Contact::new(body);
+    let mut contact = Contact::with_slip(body, SlipRule::Paper, Ablation::None);
     let (mut before, mut largest, mut touching) = (DVec3::ZERO, 0.0f64, false);
     for tip in tips {
         let output = contact.step(body, &ToolPose::at(tip.to_array()));

@@ -3,11 +3,11 @@
 use super::Failure;
 use crate::certify::witness::{self, Shown};
 use crate::certify::{
-    Certificate, EVALUATIONS, Element, Holds, certificate, device, elements, floor, window,
+    Certificate, EVALUATIONS, Element, Holds, certificate, device, elements, floor, uncovered, window,
 };
 use crate::path::Waypoint;
 use crate::{console, files, vtu};
-use palpate_body::Body;
+use palpate_body::{Body, SlipRule};
 use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, Patch, least};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -31,6 +31,9 @@ pub struct Args {
     /// Print JSON
     #[arg(long)]
     json: bool,
+    /// Slip rule, in place of the body's own
+    #[arg(long, value_enum)]
+    slip: Option<super::Slip>,
     /// Longest way of the tool from one step to the next, mm
     #[arg(long, value_name = "X", default_value_t = 1.0)]
     step_mm: f64,
@@ -104,8 +107,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             report.largest_friction
         ));
     }
-    let elements = elements(&body, &assumptions, args.evaluations);
-    let mut found = certificate(&body, &assumptions, &elements);
+    let rule = args.slip.map_or(body.slip(), super::Slip::rule);
+    let covered = rule == SlipRule::Paper;
+    let elements = if covered { elements(&body, &assumptions, args.evaluations) } else { Vec::new() };
+    let mut found = if covered {
+        certificate(&body, &assumptions, &elements)
+    } else {
+        uncovered(&body, &assumptions, rule)
+    };
     if args.window {
         found.window = window(&body, &assumptions);
     }
@@ -258,9 +267,12 @@ fn text(c: &Certificate) -> String {
         number(c.lipschitz_n_per_m, 0),
         number(c.lipschitz_found_n_per_m, 0)
     );
+    for remark in &c.remarks {
+        out += &format!("{remark}\n");
+    }
     out += &format!(
-        "for slip rule {:?}, {} elements, to {:.3} mm depth, tool steps up to {:.3} mm\n",
-        c.slip,
+        "for slip rule {}, {} elements, to {:.3} mm depth, tool steps up to {:.3} mm\n",
+        c.slip.name(),
         c.elements,
         c.scope.depth_m * 1e3,
         c.scope.step_m * 1e3
