@@ -38,7 +38,10 @@ impl Proved {
             // An element on which nothing slips has the stiffness in stick for its bound.
             l.map(|l| if l.proved == f64::INFINITY { 2e3 } else { -l.proved }).filter(|l| l.is_finite())
         };
-        Proved { passive: elements.clone().map(passive).collect(), snap_free: elements.map(lipschitz).collect() }
+        Proved {
+            passive: elements.clone().map(passive).collect(),
+            snap_free: elements.map(lipschitz).collect(),
+        }
     }
 }
 
@@ -91,7 +94,8 @@ fn judge_step(body: &Body, proved: &Proved, from: (DVec3, &Output), to: (DVec3, 
     if start.delta_z_m > 5e-3 {
         return;
     }
-    let neighbours = |a: u32, b: u32| a == b || (0..3).any(|e| body.across(a, e).is_some_and(|(n, _)| n == b));
+    let neighbours =
+        |a: u32, b: u32| a == b || (0..3).any(|e| body.across(a, e).is_some_and(|(n, _)| n == b));
     if !neighbours(start.element, c.element) {
         return;
     }
@@ -170,7 +174,10 @@ fn a_uniform_plane_is_passive_and_free_of_snaps_with_any_friction() {
     for friction in [0.0, 0.05, 0.3, 2.0] {
         let body = uniform(&patch(0.08, 2), 600.0, 500.0, friction);
         let proved = Proved::of(&body, 600);
-        assert!(proved.passive.iter().all(|p| *p) && proved.snap_free.iter().all(Option::is_some), "{friction}");
+        assert!(
+            proved.passive.iter().all(|p| *p) && proved.snap_free.iter().all(Option::is_some),
+            "{friction}"
+        );
     }
 }
 

@@ -141,7 +141,8 @@ fn violations(body: &Body, steps: usize, seed: u64) -> usize {
     };
     let mut contact = Contact::with_slip(body, SlipRule::Paper, Ablation::None);
     let [a, b, c] = body.corners(seed as u32 % body.elements().len() as u32);
-    let (mut x, mut v) = ((a + b + c) / 3.0 + body.outward(seed as u32 % body.elements().len() as u32) * 1e-3, DVec3::X);
+    let (mut x, mut v) =
+        ((a + b + c) / 3.0 + body.outward(seed as u32 % body.elements().len() as u32) * 1e-3, DVec3::X);
     let (mut count, mut before) = (0, *contact.energy());
     for _ in 0..steps {
         let output = contact.step(body, &ToolPose::at(x.to_array()));

@@ -78,7 +78,18 @@ impl Frame {
         let d = [cos, sin];
         let Some((tensor, _)) = &view.stretch else {
             let (one, zero) = (Interval::ONE, Interval::ZERO);
-            return Frame { u, per_length, e, d, cosine, stretched: e, along_u: zero, w: e, q: one, gain: one };
+            return Frame {
+                u,
+                per_length,
+                e,
+                d,
+                cosine,
+                stretched: e,
+                along_u: zero,
+                w: e,
+                q: one,
+                gain: one,
+            };
         };
         let stretched = tensor.map(|row| dot(row, e));
         let along_u = dot(u, stretched);
@@ -262,13 +273,7 @@ struct Slope {
     stick: f64,
 }
 
-fn slope(
-    patch: &Patch,
-    cell: &Cell,
-    view: &View,
-    frame: &Frame,
-    normal: Interval,
-) -> Slope {
+fn slope(patch: &Patch, cell: &Cell, view: &View, frame: &Frame, normal: Interval) -> Slope {
     // Along the force: v = w/|w|, t along P v.
     let isotropic = view.stretch.is_none();
     let per_w = Interval::ONE.per(length(frame.w));
@@ -313,8 +318,8 @@ fn slope(
         let Some((tensor, _)) = &view.stretch else { unreachable!("an isotropic body has no tensor") };
         let stretched_d = tensor.map(|row| dot(row, d_tangential));
         let stretched_v = [0, 1, 2].map(|i| dot([tensor[0][i], tensor[1][i], tensor[2][i]], v));
-        let dw_v = deflection * dot(v, m.twist) + dot(stretched_v, d_tangential)
-            - vu * frame.along_u * deflection;
+        let dw_v =
+            deflection * dot(v, m.twist) + dot(stretched_v, d_tangential) - vu * frame.along_u * deflection;
         // With g = f_r/ρ: ∂g w = (∂f_r − g ∂ρ) w/ρ, and w/ρ = P A e/q.
         let dg = d_lateral - secant * d_rho;
         let a = scaled(m.twist, deflection);

@@ -25,9 +25,9 @@ impl Curves {
     /// `rows` of each piece and node.
     pub fn new(knots: &[f64], rows: Vec<[Row; 3]>) -> Self {
         let powers: Vec<_> = rows.iter().map(|r| r.map(|(p, _)| p)).collect();
-        let integrals = rows.iter().map(|r| {
-            r.map(|([a, b, c, d], integral)| [integral, a, b * 0.5, c * (1.0 / 3.0), d * 0.25])
-        });
+        let integrals = rows
+            .iter()
+            .map(|r| r.map(|([a, b, c, d], integral)| [integral, a, b * 0.5, c * (1.0 / 3.0), d * 0.25]));
         // Rounding must not hide that a curve begins flat.
         let flat = |p: &[f64; 4]| p[1].abs() * knots.get(1).copied().unwrap_or(1.0) < 1e-12 * p[2].abs();
         let order = if powers.first().is_some_and(|p| p.iter().all(flat)) { 2 } else { 1 };
@@ -118,14 +118,11 @@ impl Curves {
             let (force, energies) = match (i, self.order) {
                 (0, 1) => (
                     forces.map(|[_, b, c, d]| range([b, c, d, 0.0, 0.0], s, e)),
-                    energies.map(|[_, _, c, d, f]| {
-                        Interval::new(s, e) * range([c, d, f, 0.0, 0.0], s, e)
-                    }),
+                    energies.map(|[_, _, c, d, f]| Interval::new(s, e) * range([c, d, f, 0.0, 0.0], s, e)),
                 ),
                 (0, _) => (
                     forces.map(|[_, _, c, d]| range([c, d, 0.0, 0.0, 0.0], s, e)),
-                    energies
-                        .map(|[_, _, _, d, f]| Interval::new(s, e) * range([d, f, 0.0, 0.0, 0.0], s, e)),
+                    energies.map(|[_, _, _, d, f]| Interval::new(s, e) * range([d, f, 0.0, 0.0, 0.0], s, e)),
                 ),
                 _ => (
                     forces.map(|[a, b, c, d]| range([a, b, c, d, 0.0], s, e)),

@@ -134,12 +134,8 @@ impl Mul for Interval {
     type Output = Self;
     #[inline]
     fn mul(self, o: Self) -> Self {
-        let [a, b, c, d] = [
-            product(self.lo, o.lo),
-            product(self.lo, o.hi),
-            product(self.hi, o.lo),
-            product(self.hi, o.hi),
-        ];
+        let [a, b, c, d] =
+            [product(self.lo, o.lo), product(self.lo, o.hi), product(self.hi, o.lo), product(self.hi, o.hi)];
         Interval { lo: least(least(a, b), least(c, d)), hi: greatest(greatest(a, b), greatest(c, d)) }
     }
 }

@@ -243,9 +243,10 @@ impl Patch {
         let frame: DVec3 = (0..3).map(|l| self.frames[l] * n[l]).sum();
         let u = frame.normalize();
         let e = (d - DVec3::Z * (d.dot(u) / u.z)).normalize();
-        let q = self.tensors.as_ref().map_or(1.0, |(tensors, _)| {
-            (0..3).map(|l| n[l] * e.dot(tensors[l] * e)).sum::<f64>().sqrt()
-        });
+        let q = self
+            .tensors
+            .as_ref()
+            .map_or(1.0, |(tensors, _)| (0..3).map(|l| n[l] * e.dot(tensors[l] * e)).sum::<f64>().sqrt());
         let contact: DVec3 = (0..3).map(|l| self.corners[l] * n[l]).sum();
         let lateral = body(e) * (cell.reach_m[0] / q);
         let tip = contact + body(u) * (cell.depth_m[0] - self.radius_m) + lateral;

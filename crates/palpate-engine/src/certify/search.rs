@@ -131,7 +131,13 @@ fn descend(criterion: Criterion, patch: &Patch, cells: &[Cell], found: &mut Boun
             sample(criterion, patch, at(n, depth, turn), reaches, found);
         }
         for sign in [-1.0, 1.0] {
-            sample(criterion, patch, at(n, depth + sign * size * (depths[1] - depths[0]), turn), reaches, found);
+            sample(
+                criterion,
+                patch,
+                at(n, depth + sign * size * (depths[1] - depths[0]), turn),
+                reaches,
+                found,
+            );
             sample(criterion, patch, at(n, depth, turn + sign * size), reaches, found);
         }
         if found.found < before {

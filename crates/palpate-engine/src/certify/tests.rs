@@ -76,7 +76,9 @@ fn compare<L: Lateral>(bodies: &[Body]) {
         assert!((got - expected).abs() < 1e-9 * scale, "case {case}: {got} {expected}");
 
         let at = SurfacePoint { element, n };
-        if let Some(expected) = sensitivity::lipschitz(body, law, SlipRule::Paper, at, tip).filter(|l| *l < 1e5) {
+        if let Some(expected) =
+            sensitivity::lipschitz(body, law, SlipRule::Paper, at, tip).filter(|l| *l < 1e5)
+        {
             let got = -Criterion::Lipschitz.bound(&patch, &state);
             let worst = if L::ISOTROPIC { 3.0 } else { 100.0 };
             assert!(got > expected * (1.0 - 1e-6) && got < expected * worst, "case {case}: {got} {expected}");
@@ -122,7 +124,10 @@ fn bounds_are_below_every_state() {
                     if value < f64::INFINITY && value > f64::NEG_INFINITY {
                         compared += 1;
                         let rounding = 1e-9 * (1.0 + value.abs());
-                        assert!(bound <= value + rounding, "{criterion:?}: {bound} {value} {cell:?} {state:?}");
+                        assert!(
+                            bound <= value + rounding,
+                            "{criterion:?}: {bound} {value} {cell:?} {state:?}"
+                        );
                     }
                 }
             }

@@ -68,7 +68,11 @@ pub fn limits(body: &Body, device: Device, lipschitz: Option<f64>, pace: Option<
         stiffness_limit_n_per_m,
         depth_limit_m,
         // Pressed deeper, every mix of curves gives at least the softest one's force.
-        force_limit_n: body.curves().iter().map(|r| r.normal.value(depth_limit_m)).fold(f64::INFINITY, f64::min),
+        force_limit_n: body
+            .curves()
+            .iter()
+            .map(|r| r.normal.value(depth_limit_m))
+            .fold(f64::INFINITY, f64::min),
         whole_depth: depth_limit_m == end,
         contact_way_ratio: pace,
     }
@@ -108,8 +112,7 @@ mod tests {
     fn a_slope_is_found_where_it_is_reached() {
         // f = 100 k δ², slope 200 k δ.
         let knots: Vec<f64> = (0..=8).map(|i| f64::from(i) * 1e-3).collect();
-        let (values, slopes): (Vec<f64>, Vec<f64>) =
-            knots.iter().map(|d| (6e4 * d * d, 1.2e5 * d)).unzip();
+        let (values, slopes): (Vec<f64>, Vec<f64>) = knots.iter().map(|d| (6e4 * d * d, 1.2e5 * d)).unzip();
         let curve = Curve::hermite(&knots, &values, &slopes, Extension::Linear).unwrap();
         for most in [1.0, 119.0, 121.0, 490.0, 959.0] {
             assert!((depth_of_slope(&curve, most) - most / 1.2e5).abs() < 1e-9, "{most}");

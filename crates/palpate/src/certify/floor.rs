@@ -37,14 +37,14 @@ pub fn raise(body: &Body, assumptions: &Assumptions, evaluations: u32) -> Result
     let mut dirty: Vec<bool> = vec![true; body.curves().len()];
     for round in 1..=ROUNDS {
         let elements: Vec<u32> = (0..body.elements().len() as u32)
-            .filter(|&e| body.element_nodes(e).iter().any(|n| {
-                n.test_points.iter().zip(n.weights).any(|(&t, w)| w > 0.0 && dirty[t as usize])
-            }))
+            .filter(|&e| {
+                body.element_nodes(e)
+                    .iter()
+                    .any(|n| n.test_points.iter().zip(n.weights).any(|(&t, w)| w > 0.0 && dirty[t as usize]))
+            })
             .collect();
-        let needs: Vec<Vec<f64>> = elements
-            .par_iter()
-            .map(|&e| needs(&body_now, e, assumptions, &knots, evaluations))
-            .collect();
+        let needs: Vec<Vec<f64>> =
+            elements.par_iter().map(|&e| needs(&body_now, e, assumptions, &knots, evaluations)).collect();
         let mut floor = vec![vec![0.0f64; intervals]; body.curves().len()];
         for (&element, needs) in elements.iter().zip(&needs) {
             for node in body.element_nodes(element) {
@@ -82,13 +82,7 @@ pub fn raise(body: &Body, assumptions: &Assumptions, evaluations: u32) -> Result
 }
 
 /// The friction that an element needs in each interval between knots: 0 where it has enough.
-fn needs(
-    body: &Body,
-    element: u32,
-    assumptions: &Assumptions,
-    knots: &[f64],
-    evaluations: u32,
-) -> Vec<f64> {
+fn needs(body: &Body, element: u32, assumptions: &Assumptions, knots: &[f64], evaluations: u32) -> Vec<f64> {
     let patch = Patch::new(body, element, assumptions);
     let effort = Effort { evaluations, absolute: 3e-3, relative: 0.02 };
     let deepest = assumptions.depth_m.unwrap_or(f64::INFINITY);
@@ -140,9 +134,8 @@ fn endless(body: &Body, element: u32, depth_m: f64) -> anyhow::Error {
 
 fn report(old: &Body, new: &Body, rounds: u32) -> Raised {
     let pairs = || old.curves().iter().zip(new.curves()).map(|(a, b)| (&a.friction, &b.friction));
-    let rise = |(a, b): (&Curve, &Curve)| {
-        a.knots().iter().map(|k| b.value(*k) - a.value(*k)).fold(0.0, f64::max)
-    };
+    let rise =
+        |(a, b): (&Curve, &Curve)| a.knots().iter().map(|k| b.value(*k) - a.value(*k)).fold(0.0, f64::max);
     let most = |(_, b): (&Curve, &Curve)| b.knots().iter().map(|k| b.value(*k)).fold(0.0, f64::max);
     Raised {
         test_points: pairs().filter(|(a, b)| a != b).count(),

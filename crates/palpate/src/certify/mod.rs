@@ -267,7 +267,8 @@ pub fn certificate(body: &Body, assumptions: &Assumptions, elements: &[Element])
         let each = elements.iter().filter_map(|e| e.lipschitz.as_ref());
         each.map(|b| -of(b)).filter(|l| l.is_finite()).fold(0.0, f64::max)
     };
-    let everywhere = elements.iter().all(|e| e.lipschitz.as_ref().is_some_and(|b| b.proved > f64::NEG_INFINITY));
+    let everywhere =
+        elements.iter().all(|e| e.lipschitz.as_ref().is_some_and(|b| b.proved > f64::NEG_INFINITY));
     let end = body.responses().depth_knots().values().last().copied().unwrap_or_default();
     let stiffness = stiffness_max(body);
     // Where nothing slips the stiffness in stick is all there is.
@@ -275,7 +276,10 @@ pub fn certificate(body: &Body, assumptions: &Assumptions, elements: &[Element])
     Certificate {
         passive: holds(body, assumptions, elements, |e| &e.passive, Element::passive),
         lipschitz_n_per_m: (snap_free.holds && everywhere).then(|| lipschitz(|b| b.proved).max(stick)),
-        lipschitz_found_n_per_m: elements.iter().any(|e| e.lipschitz.is_some()).then(|| lipschitz(|b| b.found)),
+        lipschitz_found_n_per_m: elements
+            .iter()
+            .any(|e| e.lipschitz.is_some())
+            .then(|| lipschitz(|b| b.found)),
         snap_free,
         stiffness_max_n_per_m: stiffness,
         device: None,

@@ -21,10 +21,12 @@ use std::path::{Path, PathBuf};
 ///
 /// With a device's damping the depth and force down to which the sampled loop is passive are told.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  palpate certify liver.body --witness witness --vtu liver-margins.vtu\n  \
+#[command(
+    after_help = "Examples:\n  palpate certify liver.body --witness witness --vtu liver-margins.vtu\n  \
                         palpate certify liver.body --damping-n-s-per-m 0.3 --rate-hz 1000\n  \
                         palpate certify liver.body --raise-friction -o liver-passive.body\n\n\
-                        Exit status: 0 done, 1 wrong input, 2 wrong usage, 3 a certificate does not hold.")]
+                        Exit status: 0 done, 1 wrong input, 2 wrong usage, 3 a certificate does not hold."
+)]
 pub struct Args {
     /// Body file
     body: PathBuf,
@@ -277,7 +279,8 @@ fn text(c: &Certificate) -> String {
         c.scope.depth_m * 1e3,
         c.scope.step_m * 1e3
     );
-    let remark = |count: usize, what: &str| if count > 0 { format!("{count} {what}\n") } else { String::new() };
+    let remark =
+        |count: usize, what: &str| if count > 0 { format!("{count} {what}\n") } else { String::new() };
     out += &remark(c.border_edges, "border edges: a contact that runs over one ends with the force it has");
     out += &remark(c.creased_elements, "elements along creases: the force jumps there, and P is not proved");
     out += &remark(
@@ -304,9 +307,10 @@ fn text(c: &Certificate) -> String {
                     } else {
                         format!("jumps by {:.1} mN", s.finer_step_n * 1e3)
                     };
-                    let kept = s.path.as_ref().map_or("with --witness DIR it is kept".to_owned(), |p| {
-                        format!("{}", p.display())
-                    });
+                    let kept = s
+                        .path
+                        .as_ref()
+                        .map_or("with --witness DIR it is kept".to_owned(), |p| format!("{}", p.display()));
                     format!("; a path of {} rows {shows} ({kept})\n", s.rows)
                 }
             };
@@ -331,7 +335,9 @@ fn text(c: &Certificate) -> String {
     }
     let mut rows = vec![vec!["depth (mm)".to_owned(), "greatest stiffness (N/m)".to_owned()]];
     rows.extend(
-        c.stiffness_max_n_per_m.iter().map(|s| vec![format!("{:.3}", s.depth_m * 1e3), format!("{:.1}", s.value)]),
+        c.stiffness_max_n_per_m
+            .iter()
+            .map(|s| vec![format!("{:.3}", s.depth_m * 1e3), format!("{:.1}", s.value)]),
     );
     out += &format!("\n{}", console::table(&rows));
     if let Some(d) = &c.device {
