@@ -26,6 +26,7 @@
 //! # Ok::<(), BodyError>(())
 //! ```
 
+pub mod certify;
 mod contact;
 mod drive;
 mod field;

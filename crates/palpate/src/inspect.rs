@@ -186,11 +186,16 @@ pub fn principals(body: &Body) -> impl Iterator<Item = Principal> + '_ {
     tensors.iter().zip(body.nodes()).map(|(a, node)| Principal::of(a, node.inward))
 }
 
-/// K_max at each depth knot.
-pub fn stiffness_max(body: &Body) -> Vec<StiffnessAt> {
+/// The greatest lateral stiffness in stick, N/m.
+pub fn stiffness_aside(body: &Body) -> f64 {
     let lateral = body.curves().iter().flat_map(|r| greatest_slopes(&r.lateral)).fold(0.0, f64::max);
     // A mix of tensors has no eigenvalue above all of theirs.
-    let lateral = lateral * principals(body).map(|p| p.values[0]).fold(1.0, f64::max);
+    lateral * principals(body).map(|p| p.values[0]).fold(1.0, f64::max)
+}
+
+/// K_max at each depth knot.
+pub fn stiffness_max(body: &Body) -> Vec<StiffnessAt> {
+    let lateral = stiffness_aside(body);
     let depths = body.responses().depth_knots().values();
     let mut greatest = vec![lateral; depths.len()];
     for response in body.curves() {

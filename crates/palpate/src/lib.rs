@@ -13,6 +13,7 @@
 //! ```
 
 pub mod bench;
+pub mod certify;
 pub mod closed_loop;
 pub mod commands;
 pub mod console;

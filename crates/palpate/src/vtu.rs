@@ -24,11 +24,11 @@ struct Array<'a> {
 const TRIANGLE: u8 = 5;
 
 /// Writes the surface with, at each node, its inward normal, the [`Figures`], the test points it mixes, and its lateral
-/// tensor if the body is anisotropic.
+/// tensor if the body is anisotropic; and at each element what `elements_hold` says, by name.
 ///
 /// # Errors
 /// `out` can't be written.
-pub fn write(body: &Body, out: &mut dyn Write) -> Result<()> {
+pub fn write(body: &Body, elements_hold: &[(&'static str, Vec<f64>)], out: &mut dyn Write) -> Result<()> {
     let figures: Vec<[f64; 5]> = Figures::of_nodes(body).iter().map(Figures::values).collect();
     let principals: Vec<Principal> = principals(body).collect();
     let (nodes, elements) = (body.nodes(), body.elements());
@@ -80,8 +80,18 @@ pub fn write(body: &Body, out: &mut dyn Write) -> Result<()> {
         },
     ];
 
+    let cell_data: Vec<Array> = elements_hold
+        .iter()
+        .map(|(name, values)| doubles(name, 1, elements.len(), move |i| vec![values[i]]))
+        .collect();
+
     let mut offset = 0;
-    let sections = [("PointData", &point_data[..]), ("Points", &points[..]), ("Cells", &cells[..])];
+    let sections = [
+        ("PointData", &point_data[..]),
+        ("CellData", &cell_data[..]),
+        ("Points", &points[..]),
+        ("Cells", &cells[..]),
+    ];
     writeln!(out, r#"<?xml version="1.0"?>"#)?;
     writeln!(
         out,

@@ -38,7 +38,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     files::refuse_overwrite(&outputs, &[&args.body])?;
     let body = Body::open(&args.body)?;
     if let Some(path) = &args.vtu {
-        files::replace(path, |out| vtu::write(&body, out))?;
+        files::replace(path, |out| vtu::write(&body, &[], out))?;
         console::note(&format!("wrote {}", path.display()));
     }
     if let (Some(folder), [Some(nodes), Some(elements), Some(curves)]) = (&args.csv, &tables) {

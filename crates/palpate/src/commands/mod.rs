@@ -1,6 +1,7 @@
 //! One module a subcommand: its arguments, and what it does with them.
 
 pub mod bench;
+pub mod certify;
 pub mod demo;
 pub mod export;
 pub mod fit;

@@ -1,0 +1,342 @@
+//! What is to be bounded: energy that slip takes out (P), the slope of the slip equation (S), the force's Lipschitz
+//! constant (L). All formulas are those of docs/passivity.md, on intervals; a [`Cell`] without extent gives the value at
+//! a state.
+
+use super::interval::{Box3, Interval, dot, length, scaled, sum};
+use super::patch::{Cell, Patch, View};
+
+/// A certificate's criterion: of each the least value over all slip states is sought.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Criterion {
+    /// P: the energy that a slip takes out for each metre of way, as a share of the forces: g·t/(f_z + f_r), without
+    /// unit.
+    Passive,
+    /// S: how fast a slip takes the drive to its limit, η, N/m.
+    SnapFree,
+    /// L: the force's Lipschitz constant, negative, N/m.
+    Lipschitz,
+    /// How far the contact point goes for each metre of the tool's way while it slips, negative.
+    Pace,
+    /// E4: the friction with which P has 1 % to spare, negative: 0 where that is so as it is.
+    Floor,
+}
+
+/// What P must have to spare with the friction that [`Criterion::Floor`] asks for: a floor without any could never be
+/// proved to be one.
+const SLACK: f64 = 0.01;
+
+/// A cell's frame, and where the lateral deflection leads.
+struct Frame {
+    /// û.
+    u: Box3,
+    /// 1/|Σ n u|.
+    per_length: Interval,
+    /// δ_t/δr, its projection's direction, and their cosine.
+    e: Box3,
+    d: [Interval; 2],
+    cosine: Interval,
+    /// A e.
+    stretched: Box3,
+    /// û·A e.
+    along_u: Interval,
+    /// P_û A e.
+    w: Box3,
+    /// ρ/δr, and |P_û A e|/q.
+    q: Interval,
+    gain: Interval,
+}
+
+/// While the contact point moves by t.
+struct Motion {
+    /// t·û.
+    dip: Interval,
+    /// e·∂û and P_û A e·∂û, 1/m.
+    kappa: Interval,
+    bend: Interval,
+    /// ∂û before projecting, 1/m.
+    turn: Box3,
+    /// A e·t.
+    way: Interval,
+    /// ∂A e, 1/m, and e·∂A e.
+    twist: Box3,
+    twisted: Interval,
+}
+
+impl Frame {
+    fn new(patch: &Patch, view: &View) -> Self {
+        let [a, b, c] = view.u;
+        let sum = [0, 1, 2].map(|i| Interval::hull([a[i], b[i], c[i]]));
+        // The length of a mix is at most the longest's.
+        let longest = Interval::hull([a.length(), b.length(), c.length()]).hi;
+        let length_u = Interval::new(length(sum).lo, longest);
+        let per_length = Interval::ONE.per(length_u);
+        let u = scaled(sum, per_length).map(|x| x.clip(-1.0, 1.0));
+        let (cos, sin) = arc(view.half);
+        let slope = (-(cos * sum[0] + sin * sum[1])).per(sum[2]);
+        let cosine = Interval::ONE.per((Interval::ONE + slope.square()).sqrt());
+        let e = [cos * cosine, sin * cosine, slope * cosine];
+        let d = [cos, sin];
+        let Some((tensor, _)) = &view.stretch else {
+            let (one, zero) = (Interval::ONE, Interval::ZERO);
+            return Frame {
+                u,
+                per_length,
+                e,
+                d,
+                cosine,
+                stretched: e,
+                along_u: zero,
+                w: e,
+                q: one,
+                gain: one,
+            };
+        };
+        let stretched = tensor.map(|row| dot(row, e));
+        let along_u = dot(u, stretched);
+        let w = [0, 1, 2].map(|i| stretched[i] - u[i] * along_u);
+        let [least, greatest] = patch.stretch().map(f64::sqrt);
+        let q = dot(e, stretched).sqrt().clip(least, greatest);
+        let gain = length(w).per(q).clip(least, greatest);
+        Frame { u, per_length, e, d, cosine, stretched, along_u, w, q, gain }
+    }
+
+    fn motion(&self, view: &View, t: [Interval; 2], way: Interval) -> Motion {
+        let [x, y] = view.du.map(|v| v.to_array());
+        let turn = [0, 1, 2].map(|i| (t[0] * x[i] + t[1] * y[i]) * self.per_length);
+        let twist = view.stretch.as_ref().map_or([Interval::ZERO; 3], |(_, [ax, ay])| {
+            [0, 1, 2].map(|i| {
+                let row = [0, 1, 2].map(|j| t[0] * ax.col(j)[i] + t[1] * ay.col(j)[i]);
+                dot(row, self.e)
+            })
+        });
+        let kappa = dot(self.e, turn);
+        let isotropic = view.stretch.is_none();
+        Motion {
+            dip: t[0] * self.u[0] + t[1] * self.u[1],
+            kappa,
+            bend: if isotropic { kappa } else { dot(self.w, turn) },
+            turn,
+            way,
+            twisted: dot(self.e, twist),
+            twist,
+        }
+    }
+
+    /// A e·t.
+    fn way(&self, t: [Interval; 2]) -> Interval {
+        self.stretched[0] * t[0] + self.stretched[1] * t[1]
+    }
+
+    /// The direction of the force's projection.
+    fn forced(&self) -> [Interval; 2] {
+        let [x, y, _] = self.w;
+        let per = Interval::ONE.per((x.square() + y.square()).sqrt());
+        [x, y].map(|c| (c * per).clip(-1.0, 1.0))
+    }
+
+    /// Ways of unit length along the deflection, and where it differs along the force, up to `aside` to either side.
+    fn ways(&self, view: &View, aside: f64) -> [Option<([Interval; 2], Interval)>; 2] {
+        let (cos, sin) = arc(view.half + aside);
+        let along = [cos, sin];
+        if view.stretch.is_none() {
+            return [Some((along, self.cosine * arc(aside).0)), None];
+        }
+        let ([x, y], (cos, sin)) = (self.forced(), arc(aside));
+        let forced = [x * cos + y * sin, y * cos + x * sin].map(|c| c.clip(-1.0, 1.0));
+        [along, forced].map(|t| Some((t, self.way(t))))
+    }
+}
+
+/// Cosines and sines of the angles up to `half` (< π/2) to either side of 0.
+fn arc(half: f64) -> (Interval, Interval) {
+    let (sin, cos) = half.sin_cos();
+    (Interval::new(cos, 1.0), Interval::around_zero(sin))
+}
+
+/// The deflection ρ with which a state's lateral force is at its limit, m.
+pub(super) fn limit_reach(patch: &Patch, state: &Cell) -> f64 {
+    let frame = Frame::new(patch, &patch.view(state));
+    let (n, depth) = (state.corners[0], state.depth_m[0]);
+    let limit = patch.friction.value(n, depth) * patch.normal.value(n, depth);
+    patch.lateral.root(n, limit / frame.gain.lo, patch.reach_m)
+}
+
+/// f_r/f_z and the normal force, of the states in a cell that slip. `None` where none do.
+fn slipping(patch: &Patch, cell: &Cell, frame: &Frame) -> Option<(Interval, Interval)> {
+    let (n, step) = (&cell.corners, patch.step_m);
+    let normal = patch.normal.rising(n, cell.depth_m);
+    let lateral = patch.lateral.rising(n, cell.reach_m);
+    let friction = patch.friction.hull(n, cell.depth_m);
+    // A state on the very limit slips.
+    let rounding = 1.0 - 1e-12;
+    if normal.hi <= 0.0 || lateral.hi * frame.gain.hi < friction.lo * normal.lo * rounding {
+        return None;
+    }
+    // The tool came from a state within the limit, no farther than a step away.
+    let [shallow, deep] = cell.depth_m;
+    let around = [(shallow - step).max(0.0), deep + step];
+    let held = patch.friction.hull(n, around).hi * patch.normal.rising(n, around).hi;
+    let before = (cell.reach_m[0] - step * patch.stretch()[1].sqrt()).max(0.0);
+    if patch.lateral.rising(n, [before; 2]).lo * frame.gain.lo * rounding > held {
+        return None;
+    }
+    let quotient = |a: f64, b: f64| if a == 0.0 { 0.0 } else { a / b };
+    let low = quotient(lateral.lo, normal.hi).max(friction.lo.max(0.0) / frame.gain.hi);
+    let high = quotient(lateral.hi, normal.lo);
+    Some((Interval::new(low, high.max(low)), normal))
+}
+
+impl Criterion {
+    /// A lower bound over the states of `cell` that slip; infinite where none do.
+    pub fn bound(self, patch: &Patch, cell: &Cell) -> f64 {
+        let view = patch.view(cell);
+        let frame = Frame::new(patch, &view);
+        if view.u.iter().any(|u| u.z <= 0.0) {
+            // The frames are folded against the element: no direction is what it seems.
+            return f64::NEG_INFINITY;
+        }
+        let Some((ratio, normal)) = slipping(patch, cell, &frame) else { return f64::INFINITY };
+        match self {
+            Criterion::Passive => passive(patch, cell, &view, &frame)
+                .map(|(b, c)| gain(ratio, b, c))
+                .fold(f64::INFINITY, f64::min),
+            Criterion::Floor => {
+                let needs = |(b, c): (Interval, Interval)| {
+                    if gain(ratio, b, c) >= SLACK {
+                        return 0.0;
+                    }
+                    // y B + C = SLACK (1 + y) is enough; or y is nowhere so large in the cell.
+                    let rest = b.lo - SLACK;
+                    let enough = if rest > 0.0 { (SLACK - c.lo) / rest } else { f64::INFINITY };
+                    enough.min(ratio.hi) * frame.gain.hi
+                };
+                -passive(patch, cell, &view, &frame).map(needs).fold(0.0, f64::max)
+            }
+            Criterion::SnapFree => slope(patch, cell, &view, &frame, normal).eta.lo,
+            Criterion::Lipschitz | Criterion::Pace => {
+                let s = slope(patch, cell, &view, &frame, normal);
+                if s.eta.lo <= 0.0 {
+                    return f64::NEG_INFINITY;
+                }
+                let pace = s.excess / s.eta.lo;
+                -if self == Criterion::Pace { pace } else { s.stick + s.force * pace }
+            }
+        }
+    }
+}
+
+/// The least of (y B + C)/(1 + y), which lies at an end of y.
+fn gain(y: Interval, b: Interval, c: Interval) -> f64 {
+    let at = |y: f64| {
+        let share = if y < f64::INFINITY { y / (1.0 + y) } else { 1.0 };
+        let rest = 1.0 - share;
+        // Nothing of the normal force is left, however it may change.
+        b.lo * share + if rest == 0.0 { 0.0 } else { c.lo * rest }
+    };
+    at(y.lo).min(at(y.hi))
+}
+
+/// g·t/f_z = (f_r/f_z) B + C, for each way that slip can take: of each B and C.
+fn passive(
+    patch: &Patch,
+    cell: &Cell,
+    view: &View,
+    frame: &Frame,
+) -> impl Iterator<Item = (Interval, Interval)> {
+    let energy_z = patch.normal.energy_gradient(&cell.corners, [view.gx, view.gy], cell.depth_m);
+    let energy_r = patch.lateral.energy_gradient(&cell.corners, [view.gx, view.gy], cell.reach_m);
+    let depth = Interval::new(cell.depth_m[0] - patch.radius_m, cell.depth_m[1] - patch.radius_m);
+    let per_q = Interval::ONE.per(frame.q);
+    let deflection = Interval::new(cell.reach_m[0], cell.reach_m[1]) * per_q;
+    let ways = frame.ways(view, patch.aside);
+    let terms = ways.map(|way| {
+        let (t, way) = way?;
+        let m = frame.motion(view, t, way);
+        let sinking = deflection * m.kappa - m.dip;
+        let b = (m.way + sinking * frame.along_u + depth * m.bend - deflection * m.twisted * 0.5) * per_q
+            - (t[0] * energy_r[0] + t[1] * energy_r[1]);
+        let c = m.dip - deflection * m.kappa - (t[0] * energy_z[0] + t[1] * energy_z[1]);
+        Some((b, c))
+    });
+    terms.into_iter().flatten()
+}
+
+/// What slip does to the drive and the force.
+struct Slope {
+    /// η = d(L − |f_t|)/ds, N/m.
+    eta: Interval,
+    /// |∂_s f|, N/m, at most.
+    force: f64,
+    /// |∂_x(|f_t| − L)|, N/m, at most.
+    excess: f64,
+    /// Greatest stiffness in stick, N/m.
+    stick: f64,
+}
+
+fn slope(patch: &Patch, cell: &Cell, view: &View, frame: &Frame, normal: Interval) -> Slope {
+    // Along the force: v = w/|w|, t along P v.
+    let isotropic = view.stretch.is_none();
+    let per_w = Interval::ONE.per(length(frame.w));
+    let v = if isotropic { frame.e } else { scaled(frame.w, per_w).map(|x| x.clip(-1.0, 1.0)) };
+    let t = if isotropic { frame.d } else { frame.forced() };
+    let way = if isotropic { frame.cosine } else { frame.way(t) };
+    let m = frame.motion(view, t, way);
+
+    let (c, z, r) = (&cell.corners, cell.depth_m, cell.reach_m);
+    let along = |g: [Interval; 2]| t[0] * g[0] + t[1] * g[1];
+    let gradient = |curves: &super::curves::Curves, span: [f64; 2]| {
+        along([curves.gradient(view.gx, span), curves.gradient(view.gy, span)])
+    };
+    let (friction, friction_slope) = (patch.friction.hull(c, z), patch.friction.slope(c, z));
+    let normal_slope = patch.normal.slope(c, z);
+    let (lateral_slope, secant) = (patch.lateral.slope(c, r), patch.lateral.secant(c, r));
+
+    let depth = Interval::new(z[0] - patch.radius_m, z[1] - patch.radius_m);
+    let per_q = Interval::ONE.per(frame.q);
+    let deflection = Interval::new(r[0], r[1]) * per_q;
+    let sinking = deflection * m.kappa - m.dip;
+    let normal_gradient = gradient(&patch.normal, z);
+    let lateral_gradient = gradient(&patch.lateral, r);
+    let limit_slope = friction_slope * normal + friction * normal_slope;
+    let limit = limit_slope * sinking + gradient(&patch.friction, z) * normal + friction * normal_gradient;
+
+    // ∂û = turn − û (û·turn).
+    let turn_u = dot(frame.u, m.turn);
+    let du = [0, 1, 2].map(|i| m.turn[i] - frame.u[i] * turn_u);
+    // δ_t' = −t − û ∂δz − (δz − R) ∂û.
+    let t3 = [t[0], t[1], Interval::ZERO];
+    let d_tangential = sum([t3, scaled(frame.u, sinking), scaled(du, depth)]).map(|x| -x);
+    let d_rho = (deflection * m.twisted * 0.5 - (m.way + sinking * frame.along_u + depth * m.bend)) * per_q;
+    let d_lateral = lateral_slope * d_rho + lateral_gradient;
+    let vu = dot(v, m.turn);
+    // ∂f_t along v, and the parts of it across.
+    let (pull, force_t) = if isotropic {
+        // ∂(f_r e) = e d f_r + f_r/δr (δ_t' − e (e·δ_t')); e·δ_t' = ∂δr.
+        let across = [0, 1, 2].map(|i| d_tangential[i] - frame.e[i] * d_rho);
+        (d_lateral, [0, 1, 2].map(|i| frame.e[i] * d_lateral + across[i] * secant))
+    } else {
+        let Some((tensor, _)) = &view.stretch else { unreachable!("an isotropic body has no tensor") };
+        let stretched_d = tensor.map(|row| dot(row, d_tangential));
+        let stretched_v = [0, 1, 2].map(|i| dot([tensor[0][i], tensor[1][i], tensor[2][i]], v));
+        let dw_v =
+            deflection * dot(v, m.twist) + dot(stretched_v, d_tangential) - vu * frame.along_u * deflection;
+        // With g = f_r/ρ: ∂g w = (∂f_r − g ∂ρ) w/ρ, and w/ρ = P A e/q.
+        let dg = d_lateral - secant * d_rho;
+        let a = scaled(m.twist, deflection);
+        let b = [0, 1, 2].map(|i| a[i] + stretched_d[i]);
+        let (bu, ue) = (dot(frame.u, b), frame.along_u * deflection);
+        let du_w = dot(du, frame.stretched) * deflection;
+        let dw = [0, 1, 2].map(|i| b[i] - frame.u[i] * (bu + du_w) - du[i] * ue);
+        let force = [0, 1, 2].map(|i| frame.w[i] * per_q * dg + dw[i] * secant);
+        (frame.gain * dg + secant * dw_v, force)
+    };
+    let d_normal = normal_slope * sinking + normal_gradient;
+    let force = sum([scaled(frame.u, d_normal), scaled(du, normal), force_t]);
+    let steepest = patch.stretch()[1] * lateral_slope.hi.max(secant.hi);
+    Slope {
+        eta: limit - pull,
+        force: length(force).hi,
+        excess: steepest.hypot(limit_slope.magnitude()),
+        stick: normal_slope.hi.max(steepest),
+    }
+}

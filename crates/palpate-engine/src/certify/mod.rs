@@ -1,0 +1,42 @@
+//! Certificates: bounds, over all states that a slip can come through on an element, of the energy that it takes out,
+//! of its stability, and of how fast the force changes (MODEL 5; docs/passivity.md derives them).
+//!
+//! A [`Patch`] is an element, a [`Cell`] a set of its states, a [`Criterion`] what is bounded over it. [`least`] cuts
+//! cells until the bound is near the least value found, or decides. The bound is interval arithmetic over the curves'
+//! Bernstein ordinates: a proof up to rounding, not a sample. Offline: this allocates, and [`Contact::step`] never
+//! comes here.
+//!
+//! [`Contact::step`]: crate::Contact::step
+
+mod criteria;
+mod curves;
+mod interval;
+mod patch;
+mod search;
+#[cfg(test)]
+mod tests;
+
+pub use criteria::Criterion;
+pub use patch::{Cell, Patch, State};
+pub use search::{Bounds, Effort, ROUNDING, least};
+
+/// For which motions a certificate holds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Assumptions {
+    /// Longest way of the tool from one step to the next, m: a slip begins no farther from a state within the friction
+    /// limit.
+    pub step_m: f64,
+    /// Deepest δz, m; none is the curves' last knot.
+    pub depth_m: Option<f64>,
+    /// How far aside of the drive the way of a slip may be, rad: the slip search follows the drive in straight pieces.
+    pub aside_rad: f64,
+    /// What the body's friction is multiplied by.
+    pub friction_factor: f64,
+}
+
+impl Default for Assumptions {
+    /// 1 mm, as of a hand at 1 m/s and 1 kHz; 3°, more than a body turns over the way of such a slip.
+    fn default() -> Self {
+        Assumptions { step_m: 1e-3, depth_m: None, aside_rad: 0.05, friction_factor: 1.0 }
+    }
+}

@@ -1,0 +1,320 @@
+//! An element as the certificates see it, and the states of slip on it.
+
+use super::Assumptions;
+use super::curves::{Corners, Curves};
+use super::interval::{Box3, Interval};
+use glam::{DMat3, DVec2, DVec3};
+use palpate_body::{Body, Tensor, tensor};
+use std::f64::consts::PI;
+
+/// Friction that holds beyond this many times the lateral curves' end is not followed farther.
+const FARTHEST: f64 = 10.0;
+
+/// A set of slip states on one element: where, how deep, which way, how far aside.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cell {
+    /// Area coordinates of the corners of the part of the element that the contact point is in.
+    pub corners: [[f64; 3]; 3],
+    /// δz, from and to, m.
+    pub depth_m: [f64; 2],
+    /// Direction of the lateral deflection, as its projection on the element: the angle from the first edge, round the
+    /// inward normal, rad.
+    pub turn: [f64; 2],
+    /// ρ (δr on an isotropic body), m.
+    pub reach_m: [f64; 2],
+}
+
+/// A direction of a [`Cell`] to cut it in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Cut {
+    Place,
+    Depth,
+    Turn,
+    Reach,
+}
+
+impl Cut {
+    pub const ALL: [Cut; 4] = [Cut::Place, Cut::Depth, Cut::Turn, Cut::Reach];
+}
+
+impl Cell {
+    /// The state in its middle.
+    pub fn middle(&self) -> Cell {
+        Cut::ALL.into_iter().fold(*self, |cell, cut| cell.flat(cut))
+    }
+
+    /// The same without extent in one direction.
+    pub(super) fn flat(&self, cut: Cut) -> Cell {
+        let mut cell = *self;
+        let middle = |[a, b]: [f64; 2]| [0.5 * (a + b); 2];
+        match cut {
+            Cut::Place => {
+                let [a, b, c] = self.corners;
+                cell.corners = [std::array::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0); 3];
+            }
+            Cut::Depth => cell.depth_m = middle(self.depth_m),
+            Cut::Turn => cell.turn = middle(self.turn),
+            Cut::Reach => cell.reach_m = middle(self.reach_m),
+        }
+        cell
+    }
+
+    /// Its two halves.
+    pub(super) fn halves(&self, cut: Cut) -> [Cell; 2] {
+        let (mut low, mut high) = (*self, *self);
+        let middle = |[a, b]: [f64; 2]| 0.5 * (a + b);
+        match cut {
+            Cut::Place => {
+                // Across the longest side, in area coordinates: good enough for elements that aren't slivers.
+                let side = |i: usize| {
+                    let (a, b) = (self.corners[i], self.corners[(i + 1) % 3]);
+                    (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>()
+                };
+                let i = (0..3).max_by(|&i, &j| side(i).total_cmp(&side(j))).unwrap_or(0);
+                let (a, b) = (self.corners[i], self.corners[(i + 1) % 3]);
+                let between = std::array::from_fn(|k| 0.5 * (a[k] + b[k]));
+                low.corners[i] = between;
+                high.corners[(i + 1) % 3] = between;
+            }
+            Cut::Depth => {
+                low.depth_m[1] = middle(self.depth_m);
+                high.depth_m[0] = middle(self.depth_m);
+            }
+            Cut::Turn => {
+                low.turn[1] = middle(self.turn);
+                high.turn[0] = middle(self.turn);
+            }
+            Cut::Reach => {
+                low.reach_m[1] = middle(self.reach_m);
+                high.reach_m[0] = middle(self.reach_m);
+            }
+        }
+        [low, high]
+    }
+
+    /// Its width in one direction, as a share of the most there can be.
+    pub(super) fn width(&self, cut: Cut, patch: &Patch) -> f64 {
+        let wide = |[a, b]: [f64; 2], most: f64| (b - a) / most;
+        match cut {
+            Cut::Place => {
+                let spread = |i: usize| Interval::hull(self.corners.map(|n| n[i]));
+                (0..3).map(|i| spread(i).hi - spread(i).lo).fold(0.0, f64::max)
+            }
+            Cut::Depth => wide(self.depth_m, patch.depth_end_m),
+            Cut::Turn => wide(self.turn, PI),
+            Cut::Reach => wide(self.reach_m, patch.reach_m),
+        }
+    }
+}
+
+/// A slip state in the body's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct State {
+    /// c, m.
+    pub contact: DVec3,
+    /// û.
+    pub inward: DVec3,
+    /// The lateral deflection's direction in the element, a unit vector.
+    pub along: DVec3,
+    /// δ_t, m.
+    pub lateral: DVec3,
+    /// x, m.
+    pub tip: DVec3,
+}
+
+/// An element, its frames and its curves.
+#[derive(Debug, Clone)]
+pub struct Patch {
+    /// In the element: x along the first edge, z its inward normal; all vectors below are in this basis.
+    axes: [DVec3; 3],
+    /// In the body's frame, m.
+    corners: [DVec3; 3],
+    /// ∇n of the three nodes, 1/m.
+    gradients: [DVec2; 3],
+    /// Of the three nodes.
+    frames: [DVec3; 3],
+    /// A of the three nodes, and the least and greatest eigenvalue of any.
+    tensors: Option<([DMat3; 3], [f64; 2])>,
+    pub(super) normal: Curves,
+    pub(super) friction: Curves,
+    pub(super) lateral: Curves,
+    /// R, m.
+    pub(super) radius_m: f64,
+    /// Deepest δz, m.
+    pub(super) depth_end_m: f64,
+    /// Greatest ρ, m.
+    pub(super) reach_m: f64,
+    /// Whether friction holds farther than that.
+    pub(super) beyond: bool,
+    /// The tool's longest step, m.
+    pub(super) step_m: f64,
+    /// How far the way of a slip may be aside of the drive, rad.
+    pub(super) aside: f64,
+}
+
+impl Patch {
+    /// Element `element` of `body`, which must exist.
+    pub fn new(body: &Body, element: u32, assumptions: &Assumptions) -> Self {
+        let nodes = body.element_nodes(element);
+        let [p, q, r] = nodes.map(|n| n.position);
+        let x = (q - p).normalize();
+        let z = -body.outward(element);
+        let axes = [x, z.cross(x), z];
+        let local = |v: DVec3| DVec3::from_array(axes.map(|a| a.dot(v)));
+        let (e1, e2) = (local(q - p), local(r - p));
+        // n_1 and n_2 are the solution of x = n_1 e1 + n_2 e2.
+        let area2 = e1.x * e2.y - e1.y * e2.x;
+        let (g1, g2) = (DVec2::new(e2.y, -e2.x) / area2, DVec2::new(-e1.y, e1.x) / area2);
+
+        let responses = body.responses();
+        let (depths, laterals) = (responses.depth_knots().values(), responses.lateral_knots().values());
+        let depth_rows: Vec<[[f64; 9]; 3]> = depths
+            .iter()
+            .map(|&k| nodes.map(|n| responses.depth_rows(n.test_points, k).mix(n.weights)))
+            .collect();
+        let lateral_rows = laterals.iter().map(|&k| {
+            nodes.map(|n| {
+                let [integral, a, b, c, d] = responses.lateral_rows(n.test_points, k).mix(n.weights);
+                ([a, b, c, d], integral)
+            })
+        });
+        let normal = depth_rows.iter().map(|r| r.map(|[i, a, b, c, d, ..]| ([a, b, c, d], i)));
+        let factor = assumptions.friction_factor;
+        let friction =
+            depth_rows.iter().map(|r| r.map(|[.., a, b, c, d]| ([a, b, c, d].map(|x| x * factor), 0.0)));
+        let mut patch = Patch {
+            axes,
+            corners: [p, q, r],
+            gradients: [-g1 - g2, g1, g2],
+            frames: nodes.map(|n| local(n.inward)),
+            tensors: (!body.is_isotropic()).then(|| {
+                let turn = DMat3::from_cols(axes[0], axes[1], axes[2]);
+                let tensors = body.element_tensors(element);
+                let values = [0, 1, 2].map(|l| tensor::Principal::of(tensors[l], nodes[l].inward).values);
+                let least = values.iter().fold(f64::INFINITY, |v, [_, low]| v.min(*low));
+                let greatest = values.iter().fold(0.0f64, |v, [high, _]| v.max(*high));
+                (tensors.map(|a| turn.transpose() * matrix(a) * turn), [least, greatest])
+            }),
+            normal: Curves::new(depths, normal.collect()),
+            friction: Curves::new(depths, friction.collect()),
+            lateral: Curves::new(laterals, lateral_rows.collect()),
+            radius_m: body.tool().radius_m,
+            depth_end_m: 0.0,
+            reach_m: 0.0,
+            beyond: false,
+            step_m: assumptions.step_m,
+            aside: assumptions.aside_rad,
+        };
+        patch.depth_end_m = assumptions.depth_m.unwrap_or(patch.normal.end()).min(patch.normal.end());
+        // Within the limit before the step, a step deeper: the limit then is the most that friction can hold.
+        let depth = [0.0, patch.depth_end_m + patch.step_m];
+        let held = patch.friction.hull(&WHOLE, depth).hi * patch.normal.rising(&WHOLE, depth).hi;
+        let [least, greatest] = patch.stretch().map(f64::sqrt);
+        let reach = patch.lateral.reaches(held / least) + patch.step_m * greatest;
+        let farthest = FARTHEST * patch.lateral.end();
+        patch.beyond = reach > farthest;
+        patch.reach_m = reach.min(farthest);
+        patch
+    }
+
+    /// All of its slip states, in sectors of 45°.
+    pub fn cells(&self) -> Vec<Cell> {
+        (0..8)
+            .map(|i| Cell {
+                corners: WHOLE,
+                depth_m: [0.0, self.depth_end_m],
+                turn: [f64::from(i) * PI / 4.0, f64::from(i + 1) * PI / 4.0],
+                reach_m: [0.0, self.reach_m],
+            })
+            .collect()
+    }
+
+    /// Least and greatest eigenvalue of A in the tangent plane.
+    pub(super) fn stretch(&self) -> [f64; 2] {
+        self.tensors.as_ref().map_or([1.0; 2], |(_, range)| *range)
+    }
+
+    /// A [`Cell`] without extent, as a place and a deflection.
+    pub fn state(&self, cell: &Cell) -> State {
+        let n = cell.corners[0];
+        let body = |v: DVec3| self.axes[0] * v.x + self.axes[1] * v.y + self.axes[2] * v.z;
+        let (sin, cos) = cell.turn[0].sin_cos();
+        let d = DVec3::new(cos, sin, 0.0);
+        let frame: DVec3 = (0..3).map(|l| self.frames[l] * n[l]).sum();
+        let u = frame.normalize();
+        let e = (d - DVec3::Z * (d.dot(u) / u.z)).normalize();
+        let q = self
+            .tensors
+            .as_ref()
+            .map_or(1.0, |(tensors, _)| (0..3).map(|l| n[l] * e.dot(tensors[l] * e)).sum::<f64>().sqrt());
+        let contact: DVec3 = (0..3).map(|l| self.corners[l] * n[l]).sum();
+        let lateral = body(e) * (cell.reach_m[0] / q);
+        let tip = contact + body(u) * (cell.depth_m[0] - self.radius_m) + lateral;
+        State { contact, inward: body(u), along: body(d), lateral, tip }
+    }
+
+    /// The same place and depth, as far aside in the same direction as friction just holds.
+    pub fn at_limit(&self, cell: &Cell) -> Cell {
+        Cell { reach_m: [super::criteria::limit_reach(self, cell); 2], ..*cell }
+    }
+
+    /// The contact point moved along the element, by `way` (m) in the direction of the lateral deflection; none beyond
+    /// its sides.
+    pub fn moved(&self, cell: &Cell, way: f64) -> Option<Cell> {
+        let (sin, cos) = cell.turn[0].sin_cos();
+        let n: [f64; 3] = std::array::from_fn(|i| {
+            cell.corners[0][i] + way * (cos * self.gradients[i].x + sin * self.gradients[i].y)
+        });
+        n.iter().all(|n| *n >= 0.0).then_some(Cell { corners: [n; 3], ..*cell })
+    }
+
+    /// Whether friction can hold deflections beyond ten times what the lateral curves know; those are not followed.
+    pub fn holds_too_far(&self) -> bool {
+        self.beyond
+    }
+
+    /// The cell's vectors, in a basis turned to its middle direction.
+    pub(super) fn view(&self, cell: &Cell) -> View {
+        let middle = 0.5 * (cell.turn[0] + cell.turn[1]);
+        let (sin, cos) = middle.sin_cos();
+        let turned = |v: DVec3| DVec3::new(cos * v.x + sin * v.y, cos * v.y - sin * v.x, v.z);
+        let gx = self.gradients.map(|g| cos * g.x + sin * g.y);
+        let gy = self.gradients.map(|g| cos * g.y - sin * g.x);
+        let frames = self.frames.map(turned);
+        let mix = |n: [f64; 3]| frames[0] * n[0] + frames[1] * n[1] + frames[2] * n[2];
+        let u = cell.corners.map(mix);
+        let half = 0.5 * (cell.turn[1] - cell.turn[0]);
+        let stretch = self.tensors.as_ref().map(|(tensors, _)| {
+            let r = DMat3::from_cols(DVec3::new(cos, sin, 0.0), DVec3::new(-sin, cos, 0.0), DVec3::Z);
+            let tensors = tensors.map(|a| r.transpose() * a * r);
+            let mix = |n: [f64; 3]| tensors[0] * n[0] + tensors[1] * n[1] + tensors[2] * n[2];
+            let at = cell.corners.map(mix);
+            let entry = |i: usize, j: usize| Interval::hull(at.map(|a| a.col(j)[i]));
+            let mixed = std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j)));
+            (mixed, [mix(gx), mix(gy)])
+        });
+        View { gx, gy, u, du: [mix(gx), mix(gy)], half, stretch }
+    }
+}
+
+/// The whole element.
+pub(super) const WHOLE: Corners = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+/// See [`Patch::view`].
+pub(super) struct View {
+    /// Components of ∇n, 1/m.
+    pub gx: [f64; 3],
+    pub gy: [f64; 3],
+    /// Σ n u at the corners.
+    pub u: [DVec3; 3],
+    /// Its gradient along x and y, 1/m.
+    pub du: [DVec3; 2],
+    /// Half the angle between the cell's directions, rad.
+    pub half: f64,
+    /// A, by rows, and its gradient along x and y; none where the body is isotropic.
+    pub stretch: Option<([Box3; 3], [DMat3; 2])>,
+}
+
+fn matrix([xx, yy, zz, xy, xz, yz]: &Tensor) -> DMat3 {
+    DMat3::from_cols(DVec3::new(*xx, *xy, *xz), DVec3::new(*xy, *yy, *yz), DVec3::new(*xz, *yz, *zz))
+}

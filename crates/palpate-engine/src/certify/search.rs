@@ -1,0 +1,201 @@
+//! Branch and bound: from both sides, the least value of a criterion over the slip states of an element.
+
+use super::criteria::{Criterion, limit_reach};
+use super::patch::{Cell, Cut, Patch};
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
+/// How far a search goes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Effort {
+    /// Evaluations of the bound.
+    pub evaluations: u32,
+    /// It ends where bound and least value differ by no more than this, in the criterion's unit,
+    pub absolute: f64,
+    /// or by this share of the value.
+    pub relative: f64,
+}
+
+/// The least value of a criterion, from both sides.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds {
+    /// No slip state has less. Infinite where none slips.
+    pub proved: f64,
+    /// The least value that was found,
+    pub found: f64,
+    /// and the state that has it.
+    pub at: Option<Cell>,
+    /// What the search took.
+    pub evaluations: u32,
+}
+
+/// Less than this below zero is rounding, in the criterion's unit.
+pub const ROUNDING: f64 = 1e-9;
+
+/// A cell and its bound.
+struct Open {
+    bound: f64,
+    cell: Cell,
+}
+
+impl PartialEq for Open {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Open {}
+
+impl PartialOrd for Open {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Open {
+    /// The least bound comes first.
+    fn cmp(&self, other: &Self) -> Ordering {
+        other.bound.total_cmp(&self.bound)
+    }
+}
+
+/// Looks for the least value of `criterion` on `patch` from both sides: among single states, going down from the best of
+/// a coarse grid, and by bounds, always cutting the cell whose bound is least. Once P or S is lost it ends soon.
+pub fn least(criterion: Criterion, patch: &Patch, cells: &[Cell], effort: Effort) -> Bounds {
+    let mut found = Bounds { proved: f64::INFINITY, found: f64::INFINITY, at: None, evaluations: 0 };
+    for cell in cells {
+        scan(criterion, patch, cell, &mut found);
+    }
+    descend(criterion, patch, cells, &mut found);
+    let mut open = BinaryHeap::with_capacity(64);
+    let add = |cell: Cell, found: &mut Bounds, open: &mut BinaryHeap<Open>| {
+        let bound = criterion.bound(patch, &cell);
+        found.evaluations += 1;
+        if bound < f64::INFINITY {
+            sample(criterion, patch, cell.middle(), cell.reach_m, found);
+            open.push(Open { bound, cell });
+        }
+    };
+    for cell in cells {
+        add(*cell, &mut found, &mut open);
+    }
+    while let Some(Open { bound, cell }) = open.peek() {
+        found.proved = *bound;
+        let near = effort.absolute.max(effort.relative * found.found.abs());
+        let lost = found.found < -ROUNDING && matches!(criterion, Criterion::Passive | Criterion::SnapFree);
+        let evaluations = if lost { effort.evaluations / 4 } else { effort.evaluations };
+        if found.found - bound <= near || found.evaluations >= evaluations {
+            return found;
+        }
+        let Some(cut) = best_cut(criterion, patch, cell, &mut found.evaluations) else { return found };
+        let halves = cell.halves(cut);
+        open.pop();
+        for half in halves {
+            add(half, &mut found, &mut open);
+        }
+    }
+    // Nothing slips.
+    found.proved = f64::INFINITY;
+    found
+}
+
+/// States of a cell on a coarse grid.
+fn scan(criterion: Criterion, patch: &Patch, cell: &Cell, found: &mut Bounds) {
+    let state = cell.middle();
+    let places = [cell.corners[0], cell.corners[1], cell.corners[2], state.corners[0]];
+    for place in places {
+        for share in [0.05, 0.3, 0.65, 1.0] {
+            let depth = cell.depth_m[0] + share * (cell.depth_m[1] - cell.depth_m[0]);
+            let state = Cell { corners: [place; 3], depth_m: [depth; 2], ..state };
+            sample(criterion, patch, state, cell.reach_m, found);
+        }
+    }
+}
+
+/// From the best state so far, one coordinate at a time, with ever shorter ways, as long as the criterion falls.
+fn descend(criterion: Criterion, patch: &Patch, cells: &[Cell], found: &mut Bounds) {
+    let Some(first) = cells.first() else { return };
+    let (depths, reaches) = (first.depth_m, first.reach_m);
+    for size in [0.3, 0.15, 0.08, 0.04, 0.02] {
+        let before = found.found;
+        let Some(state) = found.at else { return };
+        let at = |n: [f64; 3], depth: f64, turn: f64| Cell {
+            corners: [n; 3],
+            depth_m: [depth.clamp(depths[0], depths[1]); 2],
+            turn: [turn; 2],
+            ..state
+        };
+        let (n, depth, turn) = (state.corners[0], state.depth_m[0], state.turn[0]);
+        for to in first.corners {
+            let n = std::array::from_fn(|i| n[i] + size * (to[i] - n[i]));
+            sample(criterion, patch, at(n, depth, turn), reaches, found);
+        }
+        for sign in [-1.0, 1.0] {
+            sample(
+                criterion,
+                patch,
+                at(n, depth + sign * size * (depths[1] - depths[0]), turn),
+                reaches,
+                found,
+            );
+            sample(criterion, patch, at(n, depth, turn + sign * size), reaches, found);
+        }
+        if found.found < before {
+            // Farther the same way, as often as it pays.
+            descend_along(criterion, patch, state, depths, reaches, found);
+        }
+    }
+}
+
+/// On from the best state, by the way that led to it from `before`.
+fn descend_along(
+    criterion: Criterion,
+    patch: &Patch,
+    before: Cell,
+    depths: [f64; 2],
+    reaches: [f64; 2],
+    found: &mut Bounds,
+) {
+    let Some(state) = found.at else { return };
+    let on = |a: f64, b: f64| 2.0 * b - a;
+    let n: [f64; 3] = std::array::from_fn(|i| on(before.corners[0][i], state.corners[0][i]));
+    if n.iter().any(|&n| n < 0.0) {
+        return;
+    }
+    let depth = on(before.depth_m[0], state.depth_m[0]).clamp(depths[0], depths[1]);
+    let turn = on(before.turn[0], state.turn[0]);
+    let next = Cell { corners: [n; 3], depth_m: [depth; 2], turn: [turn; 2], ..state };
+    sample(criterion, patch, next, reaches, found);
+}
+
+/// The direction whose extent costs the bound most; the widest where no one direction does.
+fn best_cut(criterion: Criterion, patch: &Patch, cell: &Cell, evaluations: &mut u32) -> Option<Cut> {
+    let mut best: Option<(f64, f64, Cut)> = None;
+    for cut in Cut::ALL {
+        let width = cell.width(cut, patch);
+        // A hundred-thousandth of all there is: what differs within that is rounding.
+        if width < 1e-5 {
+            continue;
+        }
+        *evaluations += 1;
+        let without = criterion.bound(patch, &cell.flat(cut));
+        if best.is_none_or(|(bound, w, _)| (without, width) > (bound, w)) {
+            best = Some((without, width, cut));
+        }
+    }
+    best.map(|(.., cut)| cut)
+}
+
+/// The value at a state, with the least deflection within `reaches` that slips.
+fn sample(criterion: Criterion, patch: &Patch, state: Cell, [least, most]: [f64; 2], found: &mut Bounds) {
+    let reach = limit_reach(patch, &state);
+    if reach > most {
+        return;
+    }
+    let state = Cell { reach_m: [reach.max(least); 2], ..state };
+    let value = criterion.bound(patch, &state);
+    found.evaluations += 1;
+    if value < found.found {
+        (found.found, found.at) = (value, Some(state));
+    }
+}

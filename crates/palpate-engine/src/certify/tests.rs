@@ -1,0 +1,137 @@
+//! The formulas against finite differences of the engine's own energy and drive, and bounds against states.
+
+use super::*;
+use crate::field::{Ablation, Law, Site};
+use crate::lateral::{Isotropic, Lateral, Stretch};
+use crate::sensitivity;
+use crate::sensitivity::tests::ball;
+use glam::DVec3;
+use palpate_body::{Body, SlipRule, SurfacePoint};
+
+/// Numbers in [0, 1).
+fn chance(mut seed: u64) -> impl FnMut() -> f64 {
+    move || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+fn anywhere(unit: &mut impl FnMut() -> f64) -> [f64; 3] {
+    let (a, b) = (unit(), unit());
+    let (a, b) = if a + b > 1.0 { (1.0 - a, 1.0 - b) } else { (a, b) };
+    [a, b, 1.0 - a - b]
+}
+
+/// Straight along the drive, from any overshoot.
+const EXACT: Assumptions = Assumptions { step_m: 1.0, depth_m: None, aside_rad: 0.0, friction_factor: 1.0 };
+
+#[test]
+fn formulas_are_those_of_finite_differences() {
+    compare::<Isotropic>(&[1.0].map(ball));
+    compare::<Stretch>(&[3.0, 60.0].map(ball));
+}
+
+fn compare<L: Lateral>(bodies: &[Body]) {
+    let mut unit = chance(11);
+    let mut compared = 0;
+    for case in 0..3000 {
+        let body = &bodies[case % bodies.len()];
+        let element = (unit() * body.elements().len() as f64) as u32;
+        let patch = Patch::new(body, element, &EXACT);
+        let n = anywhere(&mut unit).map(|n| 0.02 + 0.94 * n);
+        let (depth, turn, reach) = (1e-4 + 7e-3 * unit(), 6.0 * unit(), 3e-4 + 6e-3 * unit());
+        let state = Cell { corners: [n; 3], depth_m: [depth; 2], turn: [turn; 2], reach_m: [reach; 2] };
+        let at = patch.state(&state);
+        let (tip, d) = (at.tip, at.along);
+        let law = Law { ablation: Ablation::None, radius_m: body.tool().radius_m };
+        let mut site = Site::<L>::new(body, law, element);
+        let f = site.evaluate(n, tip);
+        assert!((f.depth - depth).abs() < 1e-12 && (site.stretch.rho(&f) - reach).abs() < 1e-12);
+        if f.pull < f.limit {
+            assert_eq!(Criterion::Passive.bound(&patch, &state), f64::INFINITY);
+            continue;
+        }
+        compared += 1;
+
+        let forces = f.normal + patch.lateral.value(n, reach);
+        // g·t by differences of W at a fixed tip.
+        let inward = -body.outward(element);
+        let project = |v: DVec3| (v - inward * v.dot(inward)).normalize();
+        let h = 2e-8;
+        let mut energy = |t: DVec3, s: f64| {
+            let rates = site.rates(t).each();
+            site.evaluate([0, 1, 2].map(|i| n[i] + s * rates[i]), tip).energy
+        };
+        let mut out = |t: DVec3| (energy(t, -h) - energy(t, h)) / (2.0 * h) / forces;
+        let expected = if L::ISOTROPIC { out(d) } else { out(d).min(out(project(f.u_t))) };
+        let got = Criterion::Passive.bound(&patch, &state);
+        assert!((got - expected).abs() < 1e-6, "case {case}: {got} {expected}");
+
+        // η of the slip search itself, for each metre of way.
+        let f = site.evaluate(n, tip);
+        let drift = site.drift(n, &f, f.u_t);
+        let speed = (f.u_t - inward * f.u_t.dot(inward)).length();
+        let (got, expected) = (Criterion::SnapFree.bound(&patch, &state), drift.eta / speed);
+        let scale = drift.force.length() + f.pull_slope + f.pull / f.lateral;
+        assert!((got - expected).abs() < 1e-9 * scale, "case {case}: {got} {expected}");
+
+        let at = SurfacePoint { element, n };
+        if let Some(expected) =
+            sensitivity::lipschitz(body, law, SlipRule::Paper, at, tip).filter(|l| *l < 1e5)
+        {
+            let got = -Criterion::Lipschitz.bound(&patch, &state);
+            let worst = if L::ISOTROPIC { 3.0 } else { 100.0 };
+            assert!(got > expected * (1.0 - 1e-6) && got < expected * worst, "case {case}: {got} {expected}");
+        }
+    }
+    assert!(compared > 500, "{compared}");
+}
+
+#[test]
+fn bounds_are_below_every_state() {
+    let mut unit = chance(5);
+    let mut compared = 0;
+    for body in [1.0, 2.0, 60.0].map(ball) {
+        for _ in 0..4000 {
+            let assumptions = Assumptions { aside_rad: 0.1 * unit(), ..EXACT };
+            let patch = Patch::new(&body, (unit() * body.elements().len() as f64) as u32, &assumptions);
+            let mut span = |end: f64, widest: f64| {
+                let (from, width) = (unit() * end, widest * unit() * unit());
+                [from, (from + width).min(end)]
+            };
+            let (depth_m, turn, reach_m) = (span(8e-3, 8e-3), span(6.3, 1.5), span(9e-3, 9e-3));
+            let middle = anywhere(&mut unit);
+            let size = unit();
+            let corners = [0, 1, 2].map(|_| {
+                let n = anywhere(&mut unit);
+                [0, 1, 2].map(|i| middle[i] + size * (n[i] - middle[i]))
+            });
+            let cell = Cell { corners, depth_m, turn, reach_m };
+            let bounds = [Criterion::Passive, Criterion::SnapFree, Criterion::Lipschitz, Criterion::Floor]
+                .map(|c| (c, c.bound(&patch, &cell)));
+            for _ in 0..20 {
+                let m = anywhere(&mut unit);
+                let n = [0, 1, 2].map(|i| (0..3).map(|k| m[k] * corners[k][i]).sum());
+                let mut within = |[a, b]: [f64; 2]| [a + (b - a) * unit(); 2];
+                let state = Cell {
+                    corners: [n; 3],
+                    depth_m: within(depth_m),
+                    turn: within(turn),
+                    reach_m: within(reach_m),
+                };
+                for (criterion, bound) in bounds {
+                    let value = criterion.bound(&patch, &state);
+                    if value < f64::INFINITY && value > f64::NEG_INFINITY {
+                        compared += 1;
+                        let rounding = 1e-9 * (1.0 + value.abs());
+                        assert!(
+                            bound <= value + rounding,
+                            "{criterion:?}: {bound} {value} {cell:?} {state:?}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+    assert!(compared > 50_000, "{compared}");
+}

@@ -1,0 +1,131 @@
+//! The sampled loop: down to which depth a device's damping and friction make up for the sampling (MODEL 5).
+
+use palpate_body::{Body, Curve};
+use serde::Serialize;
+
+/// What of a device bears on it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Device {
+    /// Viscous damping b that is always there, N·s/m.
+    pub damping_n_s_per_m: f64,
+    /// Rate of the loop 1/T, Hz.
+    pub rate_hz: f64,
+    /// Greatest error e of a measured position, m: half the encoder's step at the tip.
+    pub position_error_m: f64,
+    /// Coulomb friction c_f, N.
+    pub coulomb_n: f64,
+    /// Samples by which a force comes late.
+    pub delay_samples: u32,
+}
+
+/// Down to where the sampled loop is passive.
+#[derive(Debug, Clone, Serialize)]
+pub struct Limits {
+    /// Of the device.
+    #[serde(flatten)]
+    pub device: Device,
+    /// The greatest stiffness it can hold, N/m.
+    pub stiffness_limit_n_per_m: f64,
+    /// The depth δz down to which no place of the body is stiffer; 0 if the body is too stiff sideways at any depth.
+    pub depth_limit_m: f64,
+    /// The normal force up to which no place is as deep.
+    pub force_limit_n: f64,
+    /// Whether that is all of the depth that the curves know.
+    pub whole_depth: bool,
+    /// The contact point's way by the tool's, at most; null where it is not bounded.
+    pub contact_way_ratio: Option<f64>,
+}
+
+/// The limits of `device` on `body`: b ≥ K T/2, with samples of delay (K/2 + n L) T; and c_f ≥ K e (1 + |Δc|/|Δx|).
+///
+/// `lipschitz` is L, N/m, and `pace` the bound of |Δc|/|Δx|, where they exist; without them a device with a delay, or one
+/// with an error of position, has no limit above 0.
+pub fn limits(body: &Body, device: Device, lipschitz: Option<f64>, pace: Option<f64>) -> Limits {
+    let period = 1.0 / device.rate_hz;
+    let delayed = match (device.delay_samples, lipschitz) {
+        (0, _) => 0.0,
+        (n, Some(l)) => f64::from(n) * l,
+        (_, None) => f64::INFINITY,
+    };
+    let by_damping = 2.0 * (device.damping_n_s_per_m / period - delayed);
+    let by_friction = match pace {
+        _ if device.position_error_m == 0.0 => f64::INFINITY,
+        Some(pace) => device.coulomb_n / (device.position_error_m * (1.0 + pace)),
+        None => 0.0,
+    };
+    let stiffness_limit_n_per_m = by_damping.min(by_friction).max(0.0);
+    let lateral = crate::inspect::stiffness_aside(body);
+    let depth_limit_m = if lateral > stiffness_limit_n_per_m {
+        0.0
+    } else {
+        let depth = |curve: &Curve| depth_of_slope(curve, stiffness_limit_n_per_m);
+        body.curves().iter().map(|r| depth(&r.normal)).fold(f64::INFINITY, f64::min)
+    };
+    let end = body.responses().depth_knots().values().last().copied().unwrap_or_default();
+    let depth_limit_m = depth_limit_m.min(end);
+    Limits {
+        device,
+        stiffness_limit_n_per_m,
+        depth_limit_m,
+        // Pressed deeper, every mix of curves gives at least the softest one's force.
+        force_limit_n: body
+            .curves()
+            .iter()
+            .map(|r| r.normal.value(depth_limit_m))
+            .fold(f64::INFINITY, f64::min),
+        whole_depth: depth_limit_m == end,
+        contact_way_ratio: pace,
+    }
+}
+
+/// The depth down to which the slope stays at or below `most`; the curve's end where it always does.
+fn depth_of_slope(curve: &Curve, most: f64) -> f64 {
+    for (b, k) in curve.ordinates().iter().zip(curve.knots().windows(2)) {
+        // The slope's Bernstein ordinates, and its powers in t from 0 to 1.
+        let [d0, d1, d2] = [b[1] - b[0], b[2] - b[1], b[3] - b[2]].map(|d| 3.0 * d / (k[1] - k[0]));
+        let (p, q, r) = (d0 - 2.0 * d1 + d2, 2.0 * (d1 - d0), d0 - most);
+        // Rounding of a curve that is straight.
+        if r > 1e-9 * most {
+            return k[0];
+        }
+        let root = (q * q - 4.0 * p * r).max(0.0).sqrt();
+        // Both roots without cancellation.
+        let s = -0.5 * (q + if q < 0.0 { -root } else { root });
+        let roots = [s / p, r / s];
+        let first = roots.into_iter().filter(|t| *t > 1e-9 && *t < 1.0).fold(f64::INFINITY, f64::min);
+        if first < 1.0 && q * q >= 4.0 * p * r && r < 0.0 {
+            return k[0] + first * (k[1] - k[0]);
+        }
+        if r.abs() <= 1e-9 * most && (q > 1e-9 * most || (q.abs() <= 1e-9 * most && p > 1e-9 * most)) {
+            return k[0];
+        }
+    }
+    curve.knots().last().copied().unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_body::{Extension, Interpolation};
+
+    #[test]
+    fn a_slope_is_found_where_it_is_reached() {
+        // f = 100 k δ², slope 200 k δ.
+        let knots: Vec<f64> = (0..=8).map(|i| f64::from(i) * 1e-3).collect();
+        let (values, slopes): (Vec<f64>, Vec<f64>) = knots.iter().map(|d| (6e4 * d * d, 1.2e5 * d)).unzip();
+        let curve = Curve::hermite(&knots, &values, &slopes, Extension::Linear).unwrap();
+        for most in [1.0, 119.0, 121.0, 490.0, 959.0] {
+            assert!((depth_of_slope(&curve, most) - most / 1.2e5).abs() < 1e-9, "{most}");
+        }
+        assert_eq!(depth_of_slope(&curve, 961.0), 8e-3);
+        let line =
+            Curve::through(&[0.0, 1e-3, 8e-3], &[0.0, 0.5, 4.0], Interpolation::Linear, Extension::Linear);
+        assert_eq!(depth_of_slope(line.as_ref().unwrap(), 500.0), 8e-3);
+        assert_eq!(depth_of_slope(&line.unwrap(), 499.0), 0.0);
+        // Greatest in the middle of a piece: 3 t (1 − t) and so on.
+        let curve = Curve::hermite(&[0.0, 1.0], &[0.0, 1.0], &[0.0, 0.0], Extension::Linear).unwrap();
+        let t = 0.5 - (0.25f64 - 1.0 / 6.0).sqrt();
+        assert!((depth_of_slope(&curve, 1.0) - t).abs() < 1e-12);
+        assert_eq!(depth_of_slope(&curve, 1.6), 1.0);
+    }
+}
