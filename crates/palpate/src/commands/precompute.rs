@@ -70,7 +70,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let ready = || {
         let prepared = prepare(&spec, &simulation, &args.spec)?;
-        let Prepared { points, .. } = &prepared;
+        let Prepared { scene, points, .. } = &prepared;
+        scene.notes.iter().for_each(|note| console::note(note));
         let paths: usize = points.iter().map(|p| 1 + p.plan.drags.len()).sum();
         console::note(&format!("{} test points, {paths} paths, {} at a time", points.len(), options.jobs));
         Ok(prepared)

@@ -8,7 +8,7 @@ use crate::record::{Plan, Scene, TestPoint};
 use crate::spec::{
     Fixed, Geometry, Material, MaterialLaw, Place, Selection, Simulation, Spec, TestPoints, ToolShape, Volume,
 };
-use crate::{console, files};
+use crate::files;
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
 use palpate_body::Surface;
@@ -73,7 +73,7 @@ pub fn inputs_of(spec: &Spec, simulation: &Simulation) -> Vec<PathBuf> {
     inputs
 }
 
-/// Makes all that a run needs, and says on the way what was mended or assumed.
+/// Makes all that a run needs, but for its solver.
 ///
 /// # Errors
 /// Whatever is wrong with meshes, supports, regions or test points, with its place.
@@ -118,9 +118,6 @@ pub fn prepare(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Prep
     let (mesh, materials) = regions(simulation, mesh)?;
     let named = |e: palpate_simulate::SimulateError| anyhow!("{}: {e}", name.display());
     notes.extend(check(&mesh, &holds).map_err(named)?);
-    // Before the first factorisation, so that who waits knows for what.
-    notes.iter().for_each(|note| console::note(note));
-    let told = notes.len();
     let solver = Elements::new(Physics { mesh, materials, fixed }, simulation, path)?;
     let named = match &simulation.test_points {
         TestPoints::At(points) => points.len(),
@@ -128,7 +125,6 @@ pub fn prepare(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Prep
     };
     let guide = guide(solver.model(), &surface, named, super::volume::tool_radius(simulation)?);
     let nodes = choose(simulation, &surface, &held, &guide, path, &mut notes)?;
-    notes[told..].iter().for_each(|note| console::note(note));
     let points = nodes.into_iter().map(|node| TestPoint {
         node,
         plan: point_plan(
