@@ -4,11 +4,11 @@ use super::elements::Elements;
 use super::run::Prepared;
 use super::{assemble, volume};
 use crate::csv_table::Table;
+use crate::files;
 use crate::record::{Plan, Scene, TestPoint};
 use crate::spec::{
     Fixed, Geometry, Material, MaterialLaw, Place, Selection, Simulation, Spec, TestPoints, ToolShape, Volume,
 };
-use crate::files;
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
 use palpate_body::Surface;
