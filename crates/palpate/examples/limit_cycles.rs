@@ -69,6 +69,7 @@ impl Case {
             rate_hz: 1.0 / PERIOD,
             seconds: None,
             ablation: Ablation::None,
+            slip: None,
             coupling_n_per_m: None,
             passivity: false,
         };

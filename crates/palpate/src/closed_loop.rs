@@ -6,7 +6,7 @@ use crate::path::Waypoint;
 use crate::trace;
 use anyhow::{Result, anyhow};
 use glam::DVec3;
-use palpate_body::Body;
+use palpate_body::{Body, SlipRule};
 use palpate_device::simulated::{Energies, Hand, Intent as _};
 use palpate_device::{Capabilities, Device, Simulated};
 use palpate_engine::{Ablation, Contact, Output};
@@ -33,6 +33,8 @@ pub struct Setup {
     pub seconds: Option<f64>,
     /// Interpolations taken away.
     pub ablation: Ablation,
+    /// Instead of the body's own rule.
+    pub slip: Option<SlipRule>,
     /// A virtual coupling of this stiffness, N/m.
     pub coupling_n_per_m: Option<f64>,
     /// Whether the passivity controller may act.
@@ -130,7 +132,8 @@ pub fn run(
     setup: Setup,
     mut row: impl FnMut(&Waypoint, &Output) -> Result<()>,
 ) -> Result<Summary> {
-    let Setup { capabilities, hand, intent, rate_hz, seconds, ablation, coupling_n_per_m, passivity } = setup;
+    let Setup { capabilities, hand, intent, rate_hz, seconds, ablation, slip, coupling_n_per_m, passivity } =
+        setup;
     let period = 1.0 / rate_hz;
     let (place, into) = intent.place(body)?;
     let script = intent.script(into, body.tool().radius_m)?;
@@ -154,7 +157,8 @@ pub fn run(
         force_max_n: None,
     };
     let map = WorkspaceMap { offset_m: place, ..WorkspaceMap::default() };
-    let mut closed = HapticLoop::new(Contact::with_ablation(body, ablation), map, stages);
+    let mut closed =
+        HapticLoop::new(Contact::with_slip(body, slip.unwrap_or(body.slip()), ablation), map, stages);
     let mut device = Simulated::new(capabilities, hand, Box::new(script));
     device.open()?;
     let steps = (seconds * rate_hz).round() as u64;

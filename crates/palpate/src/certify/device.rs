@@ -1,6 +1,7 @@
 //! The sampled loop: down to which depth a device's damping and friction make up for the sampling (MODEL 5).
 
 use palpate_body::{Body, Curve};
+use palpate_device::Mechanics;
 use serde::Serialize;
 
 /// What of a device bears on it.
@@ -16,6 +17,19 @@ pub struct Device {
     pub coulomb_n: f64,
     /// Samples by which a force comes late.
     pub delay_samples: u32,
+}
+
+impl Device {
+    /// A real device's mechanics, in a loop of this rate.
+    pub fn of(mechanics: &Mechanics, rate_hz: f64) -> Self {
+        Device {
+            damping_n_s_per_m: mechanics.damping_n_s_per_m.value,
+            rate_hz,
+            position_error_m: mechanics.resolution_m.value / 2.0,
+            coulomb_n: mechanics.coulomb_n.value,
+            delay_samples: (mechanics.delay_s.value * rate_hz).ceil().min(1e6) as u32,
+        }
+    }
 }
 
 /// Down to where the sampled loop is passive.

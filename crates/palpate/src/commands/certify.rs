@@ -8,6 +8,7 @@ use crate::certify::{
 use crate::path::Waypoint;
 use crate::{console, files, vtu};
 use palpate_body::{Body, SlipRule};
+use palpate_device::presets;
 use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, Patch, least};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -23,7 +24,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  palpate certify liver.body --witness witness --vtu liver-margins.vtu\n  \
-                        palpate certify liver.body --damping-n-s-per-m 0.3 --rate-hz 1000\n  \
+                        palpate certify liver.body --device touch\n  \
                         palpate certify liver.body --raise-friction -o liver-passive.body\n\n\
                         Exit status: 0 done, 1 wrong input, 2 wrong usage, 3 a certificate does not hold."
 )]
@@ -60,21 +61,25 @@ pub struct Args {
     /// Folder for passive.csv and snap-free.csv, tip paths that show a broken certificate
     #[arg(long, value_name = "DIR")]
     witness: Option<PathBuf>,
-    /// Viscous damping of the device, N·s/m
-    #[arg(long, value_name = "B")]
+    /// Device that the sampled loop is judged for, with what is known or guessed of it
+    #[arg(long, value_name = "NAME", group = "loop",
+          value_parser = clap::builder::PossibleValuesParser::new(presets::DEVICES))]
+    device: Option<String>,
+    /// Instead of a device by name, its viscous damping, N·s/m
+    #[arg(long, value_name = "B", group = "loop")]
     damping_n_s_per_m: Option<f64>,
-    /// Rate of the device's loop, Hz
-    #[arg(long, value_name = "N", default_value_t = 1000.0, requires = "damping_n_s_per_m")]
-    rate_hz: f64,
-    /// Greatest error of the device's position, mm
-    #[arg(long, value_name = "E", default_value_t = 0.0, requires = "damping_n_s_per_m")]
-    position_error_mm: f64,
-    /// Coulomb friction of the device, N
-    #[arg(long, value_name = "F", default_value_t = 0.0, requires = "damping_n_s_per_m")]
-    coulomb_n: f64,
-    /// Samples by which the device's force comes late
-    #[arg(long, value_name = "N", default_value_t = 0, requires = "damping_n_s_per_m")]
-    delay_samples: u32,
+    /// Rate of the device's loop, Hz; 1,000 if not given
+    #[arg(long, value_name = "N", requires = "loop")]
+    rate_hz: Option<f64>,
+    /// Greatest error of the device's position, mm; half of what it resolves, or none
+    #[arg(long, value_name = "E", requires = "loop")]
+    position_error_mm: Option<f64>,
+    /// Coulomb friction of the device, N; the device's, or none
+    #[arg(long, value_name = "F", requires = "loop")]
+    coulomb_n: Option<f64>,
+    /// Samples by which the device's force comes late; the device's, or none
+    #[arg(long, value_name = "N", requires = "loop")]
+    delay_samples: Option<u32>,
 }
 
 /// Elements with the worst margins whose states are tried as witnesses.
@@ -164,19 +169,29 @@ impl Args {
         let none_or_positive = |name: &str, x: f64| if x == 0.0 { Ok(()) } else { positive(name, x) };
         positive("step-mm", self.step_mm)?;
         positive("depth-mm", self.depth_mm.unwrap_or(1.0))?;
-        positive("rate-hz", self.rate_hz)?;
+        positive("rate-hz", self.rate_hz.unwrap_or(1.0))?;
         none_or_positive("damping-n-s-per-m", self.damping_n_s_per_m.unwrap_or(0.0))?;
-        none_or_positive("position-error-mm", self.position_error_mm)?;
-        none_or_positive("coulomb-n", self.coulomb_n)
+        none_or_positive("position-error-mm", self.position_error_mm.unwrap_or(0.0))?;
+        none_or_positive("coulomb-n", self.coulomb_n.unwrap_or(0.0))
     }
 
     fn device(&self) -> Option<device::Device> {
+        let rate_hz = self.rate_hz.unwrap_or(1000.0);
+        let named = match (&self.device, self.damping_n_s_per_m) {
+            (Some(name), _) => device::Device::of(&presets::device(name)?.mechanics, rate_hz),
+            (None, damping) => device::Device {
+                damping_n_s_per_m: damping?,
+                rate_hz,
+                position_error_m: 0.0,
+                coulomb_n: 0.0,
+                delay_samples: 0,
+            },
+        };
         Some(device::Device {
-            damping_n_s_per_m: self.damping_n_s_per_m?,
-            rate_hz: self.rate_hz,
-            position_error_m: self.position_error_mm * 1e-3,
-            coulomb_n: self.coulomb_n,
-            delay_samples: self.delay_samples,
+            position_error_m: self.position_error_mm.map_or(named.position_error_m, |e| e * 1e-3),
+            coulomb_n: self.coulomb_n.unwrap_or(named.coulomb_n),
+            delay_samples: self.delay_samples.unwrap_or(named.delay_samples),
+            ..named
         })
     }
 }

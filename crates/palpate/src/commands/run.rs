@@ -52,6 +52,9 @@ pub struct Args {
     /// Interpolation to take away, as in the paper's section 5
     #[arg(long, value_name = "NAME", value_parser = clap::builder::PossibleValuesParser::new(ABLATIONS.map(|a| a.0)))]
     ablate: Option<String>,
+    /// Slip rule; without it, the body's own
+    #[arg(long, value_enum)]
+    slip: Option<super::Slip>,
     /// Touch the body through a virtual coupling of this stiffness
     #[arg(long, value_name = "K")]
     coupling_n_per_m: Option<f64>,
@@ -141,6 +144,7 @@ fn setup(args: &Args, body: &Body) -> anyhow::Result<Setup> {
         intent,
         rate_hz: args.rate_hz,
         seconds: args.seconds,
+        slip: args.slip.map(super::Slip::rule),
         ablation,
         coupling_n_per_m: args.coupling_n_per_m,
         passivity: args.passivity,
