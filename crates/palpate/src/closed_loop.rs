@@ -4,7 +4,7 @@ use crate::inspect::stiffness_max;
 use crate::intent::Intent;
 use crate::path::Waypoint;
 use crate::trace;
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
 use palpate_body::{Body, SlipRule};
 use palpate_device::simulated::{Energies, Hand, Intent as _};
@@ -123,10 +123,13 @@ pub fn passive_up_to(capabilities: &Capabilities, period_s: f64) -> f64 {
     m.damping_n_s_per_m.value / (0.5 * period_s + m.delay_s.value + m.lag_s.value)
 }
 
+/// So many periods at most: their places are kept to look for cycles.
+const STEPS_MAX: f64 = 2e7;
+
 /// Runs a loop and gives every period to `row`.
 ///
 /// # Errors
-/// An intent that does not go on this body; what `row` reports.
+/// An intent that takes too many periods, or does not go on this body; what `row` reports.
 pub fn run(
     body: &Body,
     setup: Setup,
@@ -139,6 +142,11 @@ pub fn run(
     let script = intent.script(into, body.tool().radius_m)?;
     let rests = script.rests();
     let seconds = seconds.unwrap_or(script.duration_s());
+    if seconds * rate_hz > STEPS_MAX {
+        bail!(
+            "{seconds} s at {rate_hz} Hz are more than {STEPS_MAX} periods; give --seconds, or a lower --rate-hz"
+        );
+    }
     let mass = capabilities.mechanics.mass_kg.value + hand.mass_kg;
     let mut summary = Summary {
         device: capabilities.name.to_string(),

@@ -176,7 +176,7 @@ impl Intent {
         let source = Source { path, text: &text };
         let raw: Raw = toml::from_str(&text).map_err(|e| source.syntax(&e))?;
         let not_negative = |span, what: &str, value: f64| {
-            if value >= 0.0 {
+            if value >= 0.0 && value.is_finite() {
                 return Ok(value);
             }
             Err(source.error(span, &format!("{what} is {value}"), "give a number that is not negative"))

@@ -27,7 +27,8 @@ impl Device {
             rate_hz,
             position_error_m: mechanics.resolution_m.value / 2.0,
             coulomb_n: mechanics.coulomb_n.value,
-            delay_samples: (mechanics.delay_s.value * rate_hz).ceil().min(1e6) as u32,
+            delay_samples: ((mechanics.delay_s.value + mechanics.lag_s.value) * rate_hz).ceil().min(1e6)
+                as u32,
         }
     }
 }

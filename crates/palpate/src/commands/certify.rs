@@ -7,7 +7,7 @@ use crate::certify::{
 };
 use crate::path::Waypoint;
 use crate::{console, files, vtu};
-use palpate_body::{Body, SlipRule};
+use palpate_body::{Body, BodyParts, SlipRule};
 use palpate_device::presets;
 use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, Patch, least};
 use rayon::prelude::*;
@@ -101,8 +101,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         depth_m: args.depth_mm.map(|d| d * 1e-3),
         ..Assumptions::default()
     };
+    let rule = args.slip.map_or(body.slip(), super::Slip::rule);
+    let covered = rule == SlipRule::Paper;
+    args.check_rule(covered)?;
     if let (true, Some(output)) = (args.raise_friction, &args.output) {
         let (raised, report) = floor::raise(&body, &assumptions, args.evaluations)?;
+        // The friction is that which makes this rule passive.
+        let raised = Body::new(BodyParts { slip: SlipRule::Paper, ..raised.parts() })?;
         raised.save(output)?;
         body = raised;
         console::note(&format!(
@@ -114,8 +119,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             report.largest_friction
         ));
     }
-    let rule = args.slip.map_or(body.slip(), super::Slip::rule);
-    let covered = rule == SlipRule::Paper;
     let elements = if covered { elements(&body, &assumptions, args.evaluations) } else { Vec::new() };
     let mut found = if covered {
         certificate(&body, &assumptions, &elements)
@@ -140,7 +143,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         files::make_folder(folder)?;
         for (holds, path) in [&mut found.passive, &mut found.snap_free].into_iter().zip(paths) {
             if let (Some(shown), Some(path)) = (&mut holds.witness, path) {
-                write_path(&path, &args.body, shown)?;
+                write_path(&path, args.output.as_ref().unwrap_or(&args.body), shown)?;
                 shown.path = Some(path);
             }
         }
@@ -173,6 +176,23 @@ impl Args {
         none_or_positive("damping-n-s-per-m", self.damping_n_s_per_m.unwrap_or(0.0))?;
         none_or_positive("position-error-mm", self.position_error_mm.unwrap_or(0.0))?;
         none_or_positive("coulomb-n", self.coulomb_n.unwrap_or(0.0))
+    }
+
+    /// What speaks of single elements or states needs their bounds.
+    fn check_rule(&self, covered: bool) -> anyhow::Result<()> {
+        let asked = [
+            ("--vtu", self.vtu.is_some()),
+            ("--witness", self.witness.is_some()),
+            ("--window", self.window),
+            ("--raise-friction", self.raise_friction),
+        ];
+        match asked.into_iter().find(|(_, given)| *given && !covered) {
+            Some((option, _)) => Err(anyhow::anyhow!(
+                "{}: {option} needs bounds, which there are for the slip rule paper only; add --slip paper",
+                self.body.display()
+            )),
+            None => Ok(()),
+        }
     }
 
     fn device(&self) -> Option<device::Device> {
@@ -220,7 +240,12 @@ fn pace(body: &Body, assumptions: &Assumptions, evaluations: u32) -> Option<f64>
 
 fn write_path(path: &Path, body: &Path, shown: &Shown) -> anyhow::Result<()> {
     files::replace(path, |out| {
-        writeln!(out, "# palpate trace {} --path {} -o trace.csv", body.display(), path.display())?;
+        writeln!(
+            out,
+            "# palpate trace {} --slip paper --path {} -o trace.csv",
+            body.display(),
+            path.display()
+        )?;
         writeln!(out, "time_s,x_m,y_m,z_m")?;
         for Waypoint { time_s, pose } in &shown.waypoints {
             let [x, y, z] = pose.position_m;

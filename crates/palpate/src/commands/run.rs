@@ -73,9 +73,6 @@ pub struct Args {
 const ABLATIONS: [(&str, Ablation); 3] =
     [("coordinates", Ablation::Coordinates), ("responses", Ablation::Responses), ("both", Ablation::Both)];
 
-/// So many places are kept to look for cycles.
-const STEPS_MAX: f64 = 2e7;
-
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum DeviceName {
     Simulated,
@@ -123,9 +120,6 @@ fn setup(args: &Args, body: &Body) -> anyhow::Result<Setup> {
     }
     if args.seconds.is_some_and(|s| !(s > 0.0 && s <= 1e5)) {
         bail!("--seconds {}: give a time above 0, up to 100,000 s", args.seconds.unwrap_or_default());
-    }
-    if args.seconds.is_some_and(|s| s * args.rate_hz > STEPS_MAX) {
-        bail!("--seconds and --rate-hz: more than {STEPS_MAX} periods; give a shorter time or a lower rate");
     }
     if args.coupling_n_per_m.is_some_and(|k| !(k > 0.0 && k <= 1e7)) {
         bail!("--coupling-n-per-m: give a stiffness above 0, up to 10,000,000 N/m");
