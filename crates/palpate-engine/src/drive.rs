@@ -114,15 +114,6 @@ impl Rule for Exact {
     }
 }
 
-/// g̃ = f_t − P_û Σ_l n_l [∇̄W_l + ∇̄(u·b)_l/|Σnu| + ½ g ∇̄(δ_t·A δ_t)_l] (E3), N.
-///
-/// Continuous over edges, the frame's turning like the energies': with an element's own ∇n_l it would jump wherever the
-/// elements at an edge are curved differently. P_û and not the element's plane for the same reason.
-#[cfg_attr(not(test), expect(dead_code, reason = "for certificates"))]
-pub(crate) fn consistent<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> DVec3 {
-    f.u_t * f.pull - reaction(site, n, f)
-}
-
 /// The most that |f_t − g̃| can be, N.
 #[inline(always)]
 fn greatest<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> f64 {
@@ -151,7 +142,10 @@ fn greatest<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> f64 {
 /// Of the gradients in single precision, and their sums.
 const NOISE: f64 = 5e-7;
 
-/// f_t − g̃, N.
+/// f_t − g̃ = P_û Σ_l n_l [∇̄W_l + ∇̄(u·b)_l/|Σnu| + ½ g ∇̄(δ_t·A δ_t)_l] (E3), N.
+///
+/// Continuous over edges, the frame's turning like the energies': with an element's own ∇n_l it would jump wherever the
+/// elements at an edge are curved differently. P_û and not the element's plane for the same reason.
 #[inline(always)]
 fn reaction<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> DVec3 {
     let Some(gradients) = site.body.derived_gradients() else { return DVec3::ZERO };
@@ -224,7 +218,7 @@ mod tests {
     use super::*;
     use crate::field::{Ablation, Law};
     use crate::lateral::{Isotropic, Stretch};
-    use crate::sensitivity::tests::ball;
+    use crate::sensitivity::tests::{ball, chance};
     use palpate_body::{Body, NodeMix, SurfacePoint};
 
     /// The ball, and the same with nodes that mix three neighbours' curves, or fade.
@@ -245,6 +239,11 @@ mod tests {
         vec![own, Body::new(mixed).unwrap()]
     }
 
+    /// g̃, N.
+    fn consistent<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> DVec3 {
+        f.u_t * f.pull - reaction(site, n, f)
+    }
+
     #[test]
     fn the_exact_drive_is_the_slope_of_the_energy() {
         slopes::<Isotropic>(&bodies(1.0));
@@ -253,11 +252,7 @@ mod tests {
     }
 
     fn slopes<L: Lateral>(bodies: &[Body]) {
-        let mut seed = 11u64;
-        let mut unit = || {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (seed >> 11) as f64 / (1u64 << 53) as f64
-        };
+        let mut unit = chance(11);
         for case in 0..1000 {
             let body = &bodies[case % bodies.len()];
             assert_eq!(body.is_isotropic(), L::ISOTROPIC);

@@ -157,6 +157,14 @@ pub(crate) mod tests {
         }
     }
 
+    /// Numbers in [0, 1).
+    pub(crate) fn chance(mut seed: u64) -> impl FnMut() -> f64 {
+        move || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (seed >> 11) as f64 / (1u64 << 53) as f64
+        }
+    }
+
     /// |x − y| within 10⁻⁵ of the larger, or of 1 N/m.
     fn alike(x: DVec3, y: DVec3) -> bool {
         (x - y).length() < 1e-5 * (1.0 + x.length().max(y.length()))
@@ -169,11 +177,7 @@ pub(crate) mod tests {
     }
 
     fn compare<L: Lateral>(bodies: &[Body]) {
-        let mut seed = 7u64;
-        let mut unit = || {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (seed >> 11) as f64 / (1u64 << 53) as f64
-        };
+        let mut unit = chance(7);
         for case in 0..1000 {
             let body = &bodies[case % bodies.len()];
             let ablation = [Ablation::None, Ablation::Coordinates, Ablation::Responses, Ablation::Both];

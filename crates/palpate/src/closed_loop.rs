@@ -209,7 +209,7 @@ fn cycles(rests: &[(f64, f64)], places: &[DVec3], rate_hz: f64) -> Vec<LimitCycl
     rests.iter().filter_map(within).collect()
 }
 
-/// K_max down to a depth: the table's, at the knot at or below it.
+/// K_max down to a depth: the table's, at the first knot as deep or deeper.
 fn stiffness_down_to(body: &Body, depth: f64) -> f64 {
     let table = stiffness_max(body);
     let at = table.iter().find(|s| s.depth_m >= depth).or(table.last());

@@ -192,14 +192,12 @@ pub(crate) fn range([a, b, c, d, e]: [f64; 5], from: f64, to: f64) -> Interval {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sensitivity::tests::chance;
 
     #[test]
     fn bounds_hold_what_they_bound() {
-        let mut seed = 3u64;
-        let mut unit = || {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (seed >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-        };
+        let mut chance = chance(3);
+        let mut unit = || chance() - 0.5;
         for _ in 0..2000 {
             let pair = |x: f64, y: f64| Interval::hull([x, y]);
             let (a, b) = (pair(unit(), unit()), pair(unit(), unit()));

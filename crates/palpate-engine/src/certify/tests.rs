@@ -4,17 +4,9 @@ use super::*;
 use crate::field::{Ablation, Law, Site};
 use crate::lateral::{Isotropic, Lateral, Stretch};
 use crate::sensitivity;
-use crate::sensitivity::tests::ball;
+use crate::sensitivity::tests::{ball, chance};
 use glam::DVec3;
 use palpate_body::{Body, SlipRule, SurfacePoint};
-
-/// Numbers in [0, 1).
-fn chance(mut seed: u64) -> impl FnMut() -> f64 {
-    move || {
-        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (seed >> 11) as f64 / (1u64 << 53) as f64
-    }
-}
 
 fn anywhere(unit: &mut impl FnMut() -> f64) -> [f64; 3] {
     let (a, b) = (unit(), unit());

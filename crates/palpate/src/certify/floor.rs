@@ -1,7 +1,7 @@
 //! The friction floor (MODEL 5, E4): the least friction, at each test point and depth, with which P holds.
 
 use anyhow::{Result, bail};
-use palpate_body::{Body, BodyParts, Curve, Extension};
+use palpate_body::{Body, BodyParts, Curve, Extension, SlipRule};
 use palpate_engine::certify::{Assumptions, Cell, Criterion, Effort, Patch, least};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -26,7 +26,7 @@ pub struct Raised {
     pub rounds: u32,
 }
 
-/// The body with its friction raised to the floor. Curves that have enough stay as they are.
+/// The body with its friction raised to the floor, and the rule `paper`, whose floor it is. Curves that have enough stay as they are.
 ///
 /// # Errors
 /// An element that no friction makes passive, with its place.
@@ -151,5 +151,7 @@ fn noted(mut parts: BodyParts, raised: &Raised) -> Result<Body> {
         raised.test_points, raised.largest_rise
     );
     parts.provenance.notes.push(note);
+    // It is the floor of this rule.
+    parts.slip = SlipRule::Paper;
     Ok(Body::new(parts)?)
 }

@@ -1,10 +1,11 @@
 //! Witnesses: tool paths that show what a certificate says may happen. Each was traced before it is given.
 
 use crate::path::Waypoint;
+use crate::trace::rollout;
 use glam::DVec3;
 use palpate_body::{Body, SlipRule};
 use palpate_engine::certify::{Assumptions, Cell, Criterion, Patch, State};
-use palpate_engine::{Ablation, Contact, ToolPose};
+use palpate_engine::{Ablation, ToolPose};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -93,13 +94,13 @@ fn line(from: DVec3, to: DVec3) -> Vec<DVec3> {
 fn traced(body: &Body, tips: &[DVec3]) -> Option<Shown> {
     let mut tips = tips.to_vec();
     tips.dedup_by(|a, b| a.distance(*b) < 1e-9);
-    let (generated_j, largest_step_n) = rollout(body, &tips)?;
+    let (generated_j, largest_step_n) = led(body, &tips)?;
     let finer: Vec<DVec3> = tips
         .windows(2)
         .flat_map(|w| (0..10).map(move |i| w[0] + (w[1] - w[0]) * (f64::from(i) / 10.0)))
         .chain(tips.last().copied())
         .collect();
-    let (_, finer_step_n) = rollout(body, &finer)?;
+    let (_, finer_step_n) = led(body, &finer)?;
     let waypoints: Vec<Waypoint> = tips
         .iter()
         .enumerate()
@@ -109,11 +110,11 @@ fn traced(body: &Body, tips: &[DVec3]) -> Option<Shown> {
 }
 
 /// Energy generated, and the largest step of the force while in contact.
-fn rollout(body: &Body, tips: &[DVec3]) -> Option<(f64, f64)> {
-    let mut contact = Contact::with_slip(body, SlipRule::Paper, Ablation::None);
+fn led(body: &Body, tips: &[DVec3]) -> Option<(f64, f64)> {
+    let poses = tips.iter().map(|tip| ToolPose::at(tip.to_array()));
+    let mut outputs = rollout(body, poses, SlipRule::Paper, Ablation::None);
     let (mut before, mut largest, mut touching) = (DVec3::ZERO, 0.0f64, false);
-    for tip in tips {
-        let output = contact.step(body, &ToolPose::at(tip.to_array()));
+    for output in outputs.by_ref() {
         let flags = output.flags;
         if flags.reanchored || flags.capped || flags.blocked || flags.started_inside || flags.border {
             return None;
@@ -125,7 +126,7 @@ fn rollout(body: &Body, tips: &[DVec3]) -> Option<(f64, f64)> {
         (before, touching) = (force, flags.in_contact);
     }
     // Rounding is no gain.
-    let energy = contact.energy();
+    let energy = outputs.contact().energy();
     let noise = 1e-12 * (energy.work_j.abs() + energy.dissipated_j.abs());
     touching.then_some((if energy.generated_j > noise { energy.generated_j } else { 0.0 }, largest))
 }

@@ -7,7 +7,7 @@ use crate::certify::{
 };
 use crate::path::Waypoint;
 use crate::{console, files, vtu};
-use palpate_body::{Body, BodyParts, SlipRule};
+use palpate_body::{Body, SlipRule};
 use palpate_device::presets;
 use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, Patch, least};
 use rayon::prelude::*;
@@ -106,8 +106,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     args.check_rule(covered)?;
     if let (true, Some(output)) = (args.raise_friction, &args.output) {
         let (raised, report) = floor::raise(&body, &assumptions, args.evaluations)?;
-        // The friction is that which makes this rule passive.
-        let raised = Body::new(BodyParts { slip: SlipRule::Paper, ..raised.parts() })?;
         raised.save(output)?;
         body = raised;
         console::note(&format!(

@@ -34,6 +34,28 @@ impl Slip {
     }
 }
 
+/// An interpolation to take away, as options name it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Ablate {
+    /// The elements' own frames
+    Coordinates,
+    /// The elements' mean responses
+    Responses,
+    /// Both of these
+    Both,
+}
+
+impl Ablate {
+    /// The same for a contact.
+    pub fn ablation(self) -> palpate_engine::Ablation {
+        match self {
+            Ablate::Coordinates => palpate_engine::Ablation::Coordinates,
+            Ablate::Responses => palpate_engine::Ablation::Responses,
+            Ablate::Both => palpate_engine::Ablation::Both,
+        }
+    }
+}
+
 /// Why a command did not end with 0.
 #[derive(Debug)]
 pub enum Failure {

@@ -50,8 +50,8 @@ pub struct Args {
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
     /// Interpolation to take away, as in the paper's section 5
-    #[arg(long, value_name = "NAME", value_parser = clap::builder::PossibleValuesParser::new(ABLATIONS.map(|a| a.0)))]
-    ablate: Option<String>,
+    #[arg(long, value_enum)]
+    ablate: Option<super::Ablate>,
     /// Slip rule; without it, the body's own
     #[arg(long, value_enum)]
     slip: Option<super::Slip>,
@@ -68,10 +68,6 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 }
-
-/// What can be taken away, by name.
-const ABLATIONS: [(&str, Ablation); 3] =
-    [("coordinates", Ablation::Coordinates), ("responses", Ablation::Responses), ("both", Ablation::Both)];
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum DeviceName {
@@ -130,8 +126,6 @@ fn setup(args: &Args, body: &Body) -> anyhow::Result<Setup> {
     intent.adjust(&mut capabilities);
     let (hand, _) = presets::hand(&args.hand)
         .ok_or_else(|| anyhow!("--hand {}: give one of {}", args.hand, presets::HANDS.join(", ")))?;
-    let named = |name: &String| ABLATIONS.iter().find(|a| a.0 == name).map(|a| a.1);
-    let ablation = args.ablate.as_ref().and_then(named).unwrap_or(Ablation::None);
     Ok(Setup {
         capabilities,
         hand: intent.hand.unwrap_or(hand),
@@ -139,7 +133,7 @@ fn setup(args: &Args, body: &Body) -> anyhow::Result<Setup> {
         rate_hz: args.rate_hz,
         seconds: args.seconds,
         slip: args.slip.map(super::Slip::rule),
-        ablation,
+        ablation: args.ablate.map_or(Ablation::None, super::Ablate::ablation),
         coupling_n_per_m: args.coupling_n_per_m,
         passivity: args.passivity,
     })

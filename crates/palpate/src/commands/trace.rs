@@ -35,20 +35,13 @@ pub struct Args {
     slip: Option<super::Slip>,
     /// Interpolation to take away, as in the paper's section 5
     #[arg(long, value_enum)]
-    ablate: Option<Ablate>,
+    ablate: Option<super::Ablate>,
     /// Resample the path to this rate, Hz; its end is kept; without it the rows are the steps
     #[arg(long, value_name = "N")]
     rate_hz: Option<f64>,
     /// Print a summary as JSON
     #[arg(long)]
     json: bool,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum Ablate {
-    Coordinates,
-    Responses,
-    Both,
 }
 
 /// Runs the command.
@@ -63,12 +56,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         waypoints = path::resample(&waypoints, rate_hz)?;
     }
     let rule = args.slip.map_or(body.slip(), super::Slip::rule);
-    let ablation = match args.ablate {
-        None => Ablation::None,
-        Some(Ablate::Coordinates) => Ablation::Coordinates,
-        Some(Ablate::Responses) => Ablation::Responses,
-        Some(Ablate::Both) => Ablation::Both,
-    };
+    let ablation = args.ablate.map_or(Ablation::None, super::Ablate::ablation);
 
     let mut summary = Summary::default();
     files::replace_or_stream(&args.output, |out| {

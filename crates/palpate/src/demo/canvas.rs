@@ -2,8 +2,8 @@
 
 use crate::plot::{png, use_font};
 use anyhow::Result;
-use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
+use plotters::coord::{CoordTranslate, Shift};
 use plotters::element::BitMapElement;
 use plotters::prelude::*;
 use std::path::Path;
@@ -40,6 +40,47 @@ pub fn stroke(
     let (x, y) = plot.get_base_pixel();
     let pixels: Vec<_> = pixels.into_iter().map(|p| (p.0 - x, p.1 - y)).collect();
     polyline(&plot.strip_coord_spec(), &pixels, colour, width)
+}
+
+/// The same with a name in the legend.
+///
+/// # Errors
+/// The backend's.
+pub fn named_stroke(
+    chart: &mut Chart,
+    name: &str,
+    points: impl Iterator<Item = (f64, f64)>,
+    colour: RGBColor,
+    width: u32,
+) -> Result<()> {
+    stroke(chart, points, colour.into(), width)?;
+    let nothing = std::iter::empty::<Circle<(f64, f64), u32>>();
+    chart.draw_series(nothing)?.label(name).legend(key(colour.stroke_width(width)));
+    Ok(())
+}
+
+/// A line's sign in the legend.
+pub fn key(style: ShapeStyle) -> impl Fn((i32, i32)) -> PathElement<(i32, i32)> {
+    move |(x, y)| PathElement::new([(x, y), (x + 40, y)], style)
+}
+
+/// Draws the legend: what has a name, and its sign.
+///
+/// # Errors
+/// The backend's.
+pub fn names<'a, 'b: 'a, C: CoordTranslate>(
+    chart: &mut ChartContext<'a, BitMapBackend<'b>, C>,
+    position: SeriesLabelPosition,
+) -> Result<()> {
+    chart
+        .configure_series_labels()
+        .position(position)
+        .margin(24)
+        .legend_area_size(50)
+        .label_font(font(34))
+        .background_style(WHITE.mix(0.9))
+        .draw()?;
+    Ok(())
 }
 
 /// A thick line through pixels, with round joints.

@@ -31,26 +31,38 @@ const STIFFEST: f64 = 3.1;
 /// # Errors
 /// None that the constants above allow.
 pub fn body() -> Result<Body> {
-    let surface = surface()?;
-    let positions = surface.positions();
-    let response = |&p: &DVec3| {
+    let response = |p: DVec3| {
         let g = stiffness(p);
         let (normal, lateral) = (NORMAL_STIFFNESS * g, LATERAL_STIFFNESS * g);
         Response::paper(normal, lateral, FRICTION, DEFLECTION_MAX, DEFLECTION_MAX)
     };
-    Body::new(BodyParts {
-        mixes: (0..positions.len() as u32).map(NodeMix::own).collect(),
-        test_point_nodes: (0..positions.len() as u32).collect(),
-        responses: positions.iter().map(response).collect::<Result<_>>()?,
+    let provenance = Provenance {
+        command: "palpate demo".into(),
+        software: concat!("palpate ", env!("CARGO_PKG_VERSION")).into(),
+        ..Provenance::default()
+    };
+    Body::new(BodyParts { provenance, ..parts(surface()?, response, SlipRule::Paper)? })
+}
+
+/// A body on this surface whose every node is a test point with the response of its place, touched with a point.
+///
+/// # Errors
+/// What `response` reports.
+pub(super) fn parts(
+    surface: Surface,
+    response: impl Fn(DVec3) -> Result<Response>,
+    slip: SlipRule,
+) -> Result<BodyParts> {
+    let nodes = 0..surface.positions().len() as u32;
+    Ok(BodyParts {
+        mixes: nodes.clone().map(NodeMix::own).collect(),
+        test_point_nodes: nodes.collect(),
+        responses: surface.positions().iter().map(|p| response(*p)).collect::<Result<_>>()?,
         surface,
         lateral_tensors: None,
         tool: Tool::point(),
-        slip: SlipRule::Paper,
-        provenance: Provenance {
-            command: "palpate demo".into(),
-            software: concat!("palpate ", env!("CARGO_PKG_VERSION")).into(),
-            ..Provenance::default()
-        },
+        slip,
+        provenance: Provenance::default(),
     })
 }
 
@@ -60,11 +72,18 @@ pub fn stiffness(p: DVec3) -> f64 {
     1.0 + 0.5 * around + 0.15 * libm::sin(TAU * p.z / LENGTH)
 }
 
+/// The tube, open at both ends.
+pub(super) const SHAPE: Shape =
+    Shape::Cylinder { radius_mm: RADIUS * 1e3, length_mm: LENGTH * 1e3, caps: false };
+
+/// So many elements around and along.
+pub(super) fn resolution(around: u32, along: u32) -> Resolution {
+    Resolution { around: Some(around), along: Some(along), ..Default::default() }
+}
+
 /// The tube's mesh; the paper's frames are radial, at the open ends too.
 fn surface() -> Result<Surface> {
-    let shape = Shape::Cylinder { radius_mm: RADIUS * 1e3, length_mm: LENGTH * 1e3, caps: false };
-    let resolution = Resolution { around: Some(AROUND), along: Some(ALONG), ..Default::default() };
-    let surface = shape.surface(resolution)?;
+    let surface = SHAPE.surface(resolution(AROUND, ALONG))?;
     let radial = surface.positions().iter().map(|p| -DVec3::new(p.x, p.y, 0.0).normalize()).collect();
     surface.with_inward_normals(radial)
 }

@@ -3,15 +3,14 @@
 //! Sliding shows textures: vibration that no smooth body has. Resting over an edge of the same tube, touched from
 //! inside, shows limit cycles: there each edge is a groove in which the ablated force flips from side to side.
 
-use super::canvas::{Area, INK, font, paint, stroke};
-use super::cylinder::{self, ALONG, AROUND, LATERAL_STIFFNESS, LENGTH, NORMAL_STIFFNESS, RADIUS};
+use super::canvas::{Area, INK, font, key, named_stroke, names, paint};
+use super::cylinder::{self, ALONG, AROUND, LATERAL_STIFFNESS, NORMAL_STIFFNESS, RADIUS};
 use super::experiment::SETTINGS;
 use super::pictures::TITLES;
 use crate::plot::COLOURS;
 use anyhow::{Context, Result};
 use glam::DVec3;
-use palpate_body::shape::{Resolution, Shape};
-use palpate_body::{Body, BodyParts, NodeMix, Provenance, Response, SlipRule, Surface, Tool};
+use palpate_body::{Body, Response, SlipRule, Surface};
 use palpate_device::simulated::{Intent, Target};
 use palpate_device::{Device, Simulated, presets};
 use palpate_engine::{Ablation, Contact};
@@ -148,30 +147,18 @@ impl Loops {
 
 /// The demo's tube, touched from inside, wet.
 fn tube() -> Result<Body> {
-    let shape = Shape::Cylinder { radius_mm: RADIUS * 1e3, length_mm: LENGTH * 1e3, caps: false };
-    let resolution = Resolution { around: Some(AROUND), along: Some(ALONG), ..Default::default() };
-    let mut mesh = shape.mesh(resolution)?;
+    let mut mesh = cylinder::SHAPE.mesh(cylinder::resolution(AROUND, ALONG))?;
     for triangle in &mut mesh.triangles {
         triangle.swap(1, 2);
     }
     let surface = Surface::build(&mesh, f64::INFINITY)?;
     let into = surface.positions().iter().map(|p| DVec3::new(p.x, p.y, 0.0).normalize()).collect();
     let surface = surface.with_inward_normals(into)?;
-    let nodes = 0..surface.positions().len() as u32;
-    let response = |&p: &DVec3| {
+    let response = |p: DVec3| {
         let [kz, kr] = [NORMAL_STIFFNESS, LATERAL_STIFFNESS].map(|k| k * cylinder::stiffness(p));
         Response::paper(kz, kr, WET, cylinder::DEFLECTION_MAX, cylinder::DEFLECTION_MAX)
     };
-    Ok(Body::new(BodyParts {
-        mixes: nodes.clone().map(NodeMix::own).collect(),
-        test_point_nodes: nodes.collect(),
-        responses: surface.positions().iter().map(response).collect::<Result<_, _>>()?,
-        surface,
-        lateral_tensors: None,
-        tool: Tool::point(),
-        slip: SlipRule::Paper,
-        provenance: Provenance::default(),
-    })?)
+    Ok(Body::new(cylinder::parts(surface, response, SlipRule::Paper)?)?)
 }
 
 /// A hand that presses to a depth and then goes around, and along as it goes.
@@ -360,17 +347,9 @@ fn spectra(area: &Area, loops: &Loops) -> Result<()> {
         chart
             .draw_series(LineSeries::new(inside.filter(|p| p.0 >= 4.0), style))?
             .label(format!("{title}: {:.2} mN above 100 Hz", s.texture_n * 1e3))
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 40, y)], style));
+            .legend(key(style));
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::LowerLeft)
-        .margin(24)
-        .legend_area_size(50)
-        .label_font(font(34))
-        .background_style(WHITE.mix(0.9))
-        .draw()?;
-    Ok(())
+    names(&mut chart, SeriesLabelPosition::LowerLeft)
 }
 
 fn motions(area: &Area, loops: &Loops) -> Result<()> {
@@ -401,22 +380,9 @@ fn motions(area: &Area, loops: &Loops) -> Result<()> {
         .bold_line_style(INK.mix(0.12))
         .draw()?;
     for ((line, colour), title) in lines.into_iter().zip(COLOURS).zip(TITLES).rev() {
-        let style = colour.stroke_width(5);
-        stroke(&chart, line.into_iter(), colour.into(), 5)?;
-        chart
-            .draw_series(std::iter::empty::<Circle<(f64, f64), u32>>())?
-            .label(title)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 40, y)], style));
+        named_stroke(&mut chart, title, line.into_iter(), colour, 5)?;
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperRight)
-        .margin(24)
-        .legend_area_size(50)
-        .label_font(font(34))
-        .background_style(WHITE.mix(0.9))
-        .draw()?;
-    Ok(())
+    names(&mut chart, SeriesLabelPosition::UpperRight)
 }
 
 #[cfg(test)]

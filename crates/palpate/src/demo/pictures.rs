@@ -1,6 +1,6 @@
 //! Force against time in the four settings, the same close up, and the curves at two nodes.
 
-use super::canvas::{Area, INK, RED, font, paint, stroke};
+use super::canvas::{Area, INK, RED, font, named_stroke, names, paint, stroke};
 use super::cylinder::DEFLECTION_MAX;
 use super::experiment::{Rate, Rollout};
 use super::path::{CIRCLED, DRAGGED, DURATION, PRESSED, tip};
@@ -226,21 +226,9 @@ pub fn curves(path: &Path, body: &Body) -> Result<()> {
                 .y_labels(8)
                 .draw()?;
             for (name, points, colour) in lines {
-                let style = colour.stroke_width(6);
-                stroke(&chart, points.into_iter(), colour.into(), 6)?;
-                chart
-                    .draw_series(std::iter::empty::<Circle<(f64, f64), u32>>())?
-                    .label(name)
-                    .legend(move |(x, y)| PathElement::new([(x, y), (x + 40, y)], style));
+                named_stroke(&mut chart, name, points.into_iter(), colour, 6)?;
             }
-            chart
-                .configure_series_labels()
-                .position(SeriesLabelPosition::UpperLeft)
-                .margin(24)
-                .legend_area_size(50)
-                .label_font(font(34))
-                .background_style(WHITE.mix(0.9))
-                .draw()?;
+            names(&mut chart, SeriesLabelPosition::UpperLeft)?;
         }
         Ok(())
     })

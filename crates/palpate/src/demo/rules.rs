@@ -1,12 +1,11 @@
 //! The slip rules' energy: pressed in where the body is soft, dragged without friction to where it is stiff, let go.
 
-use super::cylinder::{LATERAL_STIFFNESS, LENGTH, NORMAL_STIFFNESS, RADIUS};
+use super::cylinder::{LATERAL_STIFFNESS, NORMAL_STIFFNESS, RADIUS, SHAPE, parts, resolution};
 use super::experiment::CLICK;
 use crate::plot::{Line, LineChart, save};
 use anyhow::Result;
 use glam::DVec3;
-use palpate_body::shape::{Resolution, Shape};
-use palpate_body::{Body, BodyParts, NodeMix, Provenance, Response, SlipRule, Tool};
+use palpate_body::{Body, Response, SlipRule};
 use palpate_engine::{Ablation, Contact, ToolPose};
 use serde::Serialize;
 use std::f64::consts::PI;
@@ -59,24 +58,12 @@ pub fn run() -> Result<Vec<Cycle>> {
 
 /// Three times as stiff on one side as on the other, and without friction.
 fn tube(around: u32) -> Result<Body> {
-    let shape = Shape::Cylinder { radius_mm: RADIUS * 1e3, length_mm: LENGTH * 1e3, caps: false };
-    let resolution = Resolution { around: Some(around), along: Some(10), ..Default::default() };
-    let surface = shape.surface(resolution)?;
-    let response = |p: &DVec3| {
+    let surface = SHAPE.surface(resolution(around, 10))?;
+    let response = |p: DVec3| {
         let normal = NORMAL_STIFFNESS * (1.0 + 0.5 * p.x / RADIUS);
         Response::paper(normal, LATERAL_STIFFNESS, 0.0, DEPTH, DEPTH)
     };
-    let count = surface.positions().len() as u32;
-    Ok(Body::new(BodyParts {
-        mixes: (0..count).map(NodeMix::own).collect(),
-        test_point_nodes: (0..count).collect(),
-        responses: surface.positions().iter().map(response).collect::<palpate_body::Result<_>>()?,
-        surface,
-        lateral_tensors: None,
-        tool: Tool::point(),
-        slip: SlipRule::Consistent,
-        provenance: Provenance::default(),
-    })?)
+    Ok(Body::new(parts(surface, response, SlipRule::Consistent)?)?)
 }
 
 fn path() -> impl Iterator<Item = DVec3> {
