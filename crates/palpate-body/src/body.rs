@@ -6,7 +6,7 @@ use crate::gradient::Gradients;
 use crate::response::{Response, Responses};
 use crate::search::{Search, point};
 use crate::surface::{
-    Element, MAX_ELEMENTS, NO_TWIN, Surface, check_area, check_fans, check_normals, check_position,
+    Element, FENCE, MAX_ELEMENTS, NO_TWIN, Surface, check_area, check_fans, check_normals, check_position,
 };
 use crate::tensor::{self, IDENTITY, Tensor};
 use glam::DVec3;
@@ -296,6 +296,34 @@ impl Body {
         self.gradients.0.get()
     }
 
+    /// Knots, tool and slip rule alone: what a [`Patch`](crate::Patch) fills.
+    pub(crate) fn without_surface(&self) -> Body {
+        Body {
+            nodes: Vec::new(),
+            elements: Vec::new(),
+            search: Search::default(),
+            responses: self.responses.without_points(),
+            vertices: Vec::new(),
+            creased: self.creased,
+            curves: Vec::new(),
+            test_point_nodes: Vec::new(),
+            lateral_tensors: Vec::new(),
+            tool: self.tool.clone(),
+            slip: self.slip,
+            provenance: Provenance::default(),
+            gradients: Derived::default(),
+        }
+    }
+
+    /// The gradients, to be filled anew.
+    pub(crate) fn take_gradients(&mut self) -> Gradients {
+        self.gradients.0.take().unwrap_or_default()
+    }
+
+    pub(crate) fn set_gradients(&mut self, gradients: Gradients) {
+        self.gradients = Derived(OnceLock::from(gradients));
+    }
+
     /// What it is made of, as [`Body::new`] takes it: to make another body that differs in some of it.
     pub fn parts(&self) -> BodyParts {
         BodyParts {
@@ -481,7 +509,16 @@ impl Body {
     #[inline]
     pub fn across(&self, element: u32, edge: usize) -> Option<(u32, usize)> {
         let twin = *self.elements.get(element as usize)?.twins.get(edge)?;
-        (twin != NO_TWIN).then_some((twin / 3, twin as usize % 3))
+        (twin < FENCE).then_some((twin / 3, twin as usize % 3))
+    }
+
+    /// Whether the body goes on across an edge without a neighbour: the edge of a [`Patch`](crate::Patch).
+    ///
+    /// # Real-time
+    /// O(1), never panics.
+    #[inline]
+    pub fn is_fenced(&self, element: u32, edge: usize) -> bool {
+        self.elements.get(element as usize).and_then(|e| e.twins.get(edge)) == Some(&FENCE)
     }
 
     /// Visits the elements around a corner with the number of that corner in each, this one first; false if a border

@@ -51,7 +51,7 @@ struct Place {
 const CURVES: u32 = u32::MAX;
 
 /// The nodal gradients of a body.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Gradients {
     /// (nodes)
     places: Vec<Place>,
@@ -180,6 +180,49 @@ impl Gradients {
             }
         }
         gradients
+    }
+
+    /// The test points that a node's terms name.
+    pub(crate) fn term_points(&self, node: u32) -> impl Iterator<Item = u32> + '_ {
+        let Place { start, count } = self.places[node as usize];
+        let terms = if count == CURVES { &[] } else { &self.terms[start as usize..][..count as usize] };
+        terms.iter().map(|term| term.test_point).filter(|&t| t != NOTHING)
+    }
+
+    /// Becomes a copy of these nodes' gradients of `from`, with test points numbered by `renumber`.
+    pub(crate) fn copy(
+        &mut self,
+        from: &Gradients,
+        nodes: &[u32],
+        responses: &Responses,
+        renumber: impl Fn(u32) -> u32,
+    ) {
+        let Gradients { places, terms, depth_rows, lateral_rows, turns, tensors, most } = self;
+        places.clear();
+        terms.clear();
+        depth_rows.clear();
+        lateral_rows.clear();
+        turns.clear();
+        tensors.clear();
+        most.clear();
+        let [depth, lateral] =
+            [responses.depth_knots(), responses.lateral_knots()].map(|k| k.values().len());
+        for n in nodes.iter().map(|&n| n as usize) {
+            let Place { start, count } = from.places[n];
+            let at = start as usize;
+            if count == CURVES {
+                places.push(Place { start: (depth_rows.len() / depth) as u32, count });
+                depth_rows.extend_from_slice(&from.depth_rows[at * depth..][..depth]);
+                lateral_rows.extend_from_slice(&from.lateral_rows[at * lateral..][..lateral]);
+            } else {
+                places.push(Place { start: terms.len() as u32, count });
+                let named = from.terms[at..][..count as usize].iter();
+                terms.extend(named.map(|t| Term { test_point: renumber(t.test_point), ..*t }));
+            }
+            turns.push(from.turns[n]);
+            tensors.extend(from.tensors.get(n));
+            most.push(from.most[n]);
+        }
     }
 
     /// How large those of a node can be.

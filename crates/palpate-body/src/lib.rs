@@ -37,6 +37,7 @@ pub mod error;
 pub mod file;
 pub mod gradient;
 pub mod import;
+pub mod patch;
 pub mod repair;
 pub mod response;
 pub mod search;
@@ -48,6 +49,7 @@ pub use body::{Body, BodyParts, Node, NodeMix, PointErrors, Provenance, SlipRule
 pub use curve::{Curve, Extension, Interpolation};
 pub use error::{BodyError, Result};
 pub use gradient::{Gradients, Most};
+pub use patch::Patch;
 pub use response::{Known, Response, Responses, Rows, Sample, Strain};
 pub use search::{MeshSearch, Nearest, SurfacePoint, Touch};
 pub use surface::{Element, NO_TWIN, Surface, TriangleMesh};

@@ -222,6 +222,23 @@ impl Responses {
         }
     }
 
+    /// The knots alone.
+    pub(crate) fn without_points(&self) -> Self {
+        let (depth, lateral) = (self.depth.clone(), self.lateral.clone());
+        Responses { depth, lateral, depth_rows: Vec::new(), lateral_rows: Vec::new() }
+    }
+
+    /// Becomes a copy of these test points of `from`, whose knots it has.
+    pub(crate) fn copy(&mut self, from: &Responses, points: &[u32]) {
+        self.depth_rows.clear();
+        self.lateral_rows.clear();
+        for &point in points {
+            let rows = |columns: usize| point as usize * columns..(point as usize + 1) * columns;
+            self.depth_rows.extend_from_slice(&from.depth_rows[rows(from.depth.knots.len())]);
+            self.lateral_rows.extend_from_slice(&from.lateral_rows[rows(from.lateral.knots.len())]);
+        }
+    }
+
     /// The energy's coefficients of a test point's normal curve in one interval; none where there is no such point.
     pub(crate) fn depth_row(&self, point: u32, interval: usize) -> [f64; POWERS] {
         let row = self.depth_rows.get(point as usize * self.depth.knots.len() + interval);

@@ -6,7 +6,9 @@
 
 use crate::body::Body;
 use crate::surface::TriangleMesh;
+use crate::patch::Queue;
 use glam::DVec3;
+use std::cmp::Reverse;
 
 const FANOUT: usize = 8;
 
@@ -88,7 +90,7 @@ struct Segment {
 }
 
 /// The tree over a surface's elements.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Search {
     /// Elements along the curve.
     order: Vec<u32>,
@@ -150,17 +152,72 @@ impl Search {
             }
             b
         });
-        let mut levels: Vec<Vec<Box3>> = vec![leaves.collect()];
-        while let Some(below) = levels.last().filter(|l| l.len() > 1) {
-            let above = below.chunks(FANOUT).map(|group| {
+        let levels = vec![leaves.collect()];
+        let mut search = Search { order, levels };
+        search.raise();
+        search
+    }
+
+    /// Builds the levels above the leaves' groups, in the memory of those that are there.
+    fn raise(&mut self) {
+        let mut top = 0;
+        while self.levels[top].len() > 1 {
+            if self.levels.len() == top + 1 {
+                self.levels.push(Vec::new());
+            }
+            let (below, above) = self.levels.split_at_mut(top + 1);
+            above[0].clear();
+            above[0].extend(below[top].chunks(FANOUT).map(|group| {
                 let mut b = Box3::EMPTY;
                 group.iter().for_each(|other| b.join(other));
                 b
-            });
-            let above = above.collect();
-            levels.push(above);
+            }));
+            top += 1;
         }
-        Search { order, levels }
+        self.levels.truncate(top + 1);
+    }
+
+    /// The elements of a group of the lowest level.
+    pub fn group(&self, group: u32) -> impl Iterator<Item = u32> + '_ {
+        self.order.iter().skip(group as usize * FANOUT).take(FANOUT).copied()
+    }
+
+    /// Groups of the lowest level, the nearest to `p` first until they hold `count` elements, put in ascending order. Returns
+    /// how far all others are at least, m.
+    pub fn nearest_groups(&self, p: DVec3, count: usize, groups: &mut Vec<u32>, queue: &mut Queue) -> f64 {
+        groups.clear();
+        queue.clear();
+        queue.push(Reverse((0, self.levels.len() as u32 - 1, 0)));
+        let mut next = f64::INFINITY;
+        while let Some(Reverse((square, level, group))) = queue.pop() {
+            if groups.len() * FANOUT >= count {
+                next = f64::from_bits(square).sqrt();
+                break;
+            }
+            if level == 0 {
+                groups.push(group);
+                continue;
+            }
+            let below = self.levels[level as usize - 1].iter().enumerate();
+            for (i, b) in below.skip(group as usize * FANOUT).take(FANOUT) {
+                queue.push(Reverse((b.distance_squared(p).to_bits(), level - 1, i as u32)));
+            }
+        }
+        groups.sort_unstable();
+        next
+    }
+
+    /// Becomes the tree over these groups of `from`, in their order there, with elements numbered by `renumber`. Only the
+    /// last group of a tree may be short of elements, and it stays the last.
+    pub fn copy(&mut self, from: &Search, groups: &[u32], renumber: impl Fn(u32) -> u32) {
+        self.order.clear();
+        self.order.extend(groups.iter().flat_map(|&g| from.group(g)).map(renumber));
+        if self.levels.is_empty() {
+            self.levels.push(Vec::new());
+        }
+        self.levels[0].clear();
+        self.levels[0].extend(groups.iter().map(|&g| from.levels[0][g as usize]));
+        self.raise();
     }
 
     /// Bytes that a step may read.

@@ -85,6 +85,52 @@ impl Contact {
         &self.energy
     }
 
+    /// The surface point that the tool touches, if it does.
+    pub fn touching(&self) -> Option<SurfacePoint> {
+        match self.state {
+            State::Touching { at, .. } => Some(at),
+            _ => None,
+        }
+    }
+
+    /// Where the tool was last seen, m: from there the next step looks for a touch. `None` before the first pose, and while
+    /// the tool is inside without touching.
+    pub fn last_tip_m(&self) -> Option<[f64; 3]> {
+        match self.state {
+            State::Touching { tip, .. } | State::Free { tip, .. } => Some(tip.to_array()),
+            State::Inside { .. } | State::Unknown => None,
+        }
+    }
+
+    /// Goes over to another copy of the same surface, such as another [`Patch`](palpate_body::Patch), in which the elements
+    /// have the numbers that `renumber` gives. False, and nothing is changed, if the tool touches an element that has none.
+    ///
+    /// # Real-time
+    /// As bounded as `renumber`.
+    pub fn renumber(&mut self, renumber: impl Fn(u32) -> Option<u32>) -> bool {
+        match &mut self.state {
+            State::Touching { at, .. } => match renumber(at.element) {
+                Some(element) => at.element = element,
+                None => return false,
+            },
+            // What is free has to ask anew: the clearance was that of the other copy.
+            State::Free { clear, near, .. } => (*clear, *near) = (0.0, renumber(*near).unwrap_or(0)),
+            State::Inside { clear, .. } => *clear = 0.0,
+            State::Unknown => {}
+        }
+        true
+    }
+
+    /// Forgets where the tool was: the next pose counts as the first one, and a tool that is then inside the body feels
+    /// nothing until it has left it. What was stored is booked as dissipated.
+    ///
+    /// # Real-time
+    /// O(1).
+    pub fn forget(&mut self) {
+        self.energy.slip(0.0);
+        self.state = State::Unknown;
+    }
+
     /// One sample: a tool pose in, the force on the tool out.
     ///
     /// # Real-time
@@ -332,6 +378,10 @@ impl Contact {
                 flags.capped = true;
                 self.counters.capped += 1;
                 force += field.u_t * (field.pull - field.limit).max(0.0);
+            }
+            End::Fenced => {
+                flags.fenced = true;
+                self.counters.fenced += 1;
             }
             End::Settled | End::Border => {}
         }

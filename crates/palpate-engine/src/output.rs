@@ -60,6 +60,9 @@ pub struct Flags {
     pub border: bool,
     /// The contact point is held by an edge or vertex that it can't leave: f_r may exceed the limit.
     pub blocked: bool,
+    /// The contact point waits at the edge of a patch ([`palpate_body::Patch`]) that its body goes on beyond: f_r may exceed
+    /// the limit.
+    pub fenced: bool,
     /// The slip search ran into its bound; the rendered lateral force was cut to the limit.
     pub capped: bool,
     /// The pose held a number that is not finite or beyond 10⁴ m: no force, and the contact is kept as it was.
@@ -114,6 +117,8 @@ pub struct Counters {
     pub crossings: u64,
     /// Steps in which an edge or vertex held the contact point.
     pub blocked: u64,
+    /// Steps in which the edge of a patch held the contact point.
+    pub fenced: u64,
     /// Steps in which the slip search ran into its bound.
     pub capped: u64,
     /// Poses refused.

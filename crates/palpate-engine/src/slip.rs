@@ -26,6 +26,8 @@ pub(crate) enum End {
     Blocked,
     /// Over the border.
     Border,
+    /// At the edge of a patch, where it waits for the next.
+    Fenced,
     /// Out of evaluations or crossings.
     Capped,
 }
@@ -174,6 +176,7 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
         let (there, v) = match way {
             Launch::Held => return Err(End::Blocked),
             Launch::Border => return Err(End::Border),
+            Launch::Fence => return Err(End::Fenced),
             // On an edge only the component along it drives.
             Launch::Edge(_, along)
                 if within(&Drive { force: drive.force * drive.along.dot(along), ..drive }, self.field) =>

@@ -25,6 +25,8 @@ pub(crate) enum Launch {
     Edge(SurfacePoint, DVec3),
     /// Out over the border.
     Border,
+    /// Out over the edge of a patch.
+    Fence,
     /// Nowhere: the drive has no component along any element or edge here.
     Held,
 }
@@ -200,7 +202,10 @@ fn from_edge(
     if !Rates::new(corners, v).falls(opposite) {
         return Launch::Along(at);
     }
-    let Some((beyond, apex)) = step_over(body, at, opposite) else { return Launch::Border };
+    let Some((beyond, apex)) = step_over(body, at, opposite) else {
+        let fenced = body.is_fenced(at.element, (opposite + 1) % 3);
+        return if fenced { Launch::Fence } else { Launch::Border };
+    };
     let seen_from_there = drive(beyond);
     if !Rates::new(body.corners(beyond.element), seen_from_there).falls(apex) {
         return Launch::Along(beyond);
@@ -218,12 +223,14 @@ fn from_vertex(
 ) -> Launch {
     // The steepest way up: a sector that holds the projected drive, else an edge.
     let mut best = (0.0, Launch::Held);
+    let mut fenced = false;
     let closed = body.around(at.element, vertex, |element, corner| {
         let mut n = [0.0; 3];
         if let Some(n) = n.get_mut(corner) {
             *n = 1.0;
         }
         let here = SurfacePoint { element, n };
+        fenced |= body.is_fenced(element, corner) || body.is_fenced(element, (corner + 2) % 3);
         let v = drive(here);
         let corners = body.corners(element);
         let rates = Rates::new(corners, v);
@@ -245,6 +252,7 @@ fn from_vertex(
     });
     match best {
         (_, Launch::Along(_)) => best.1,
+        _ if fenced => Launch::Fence,
         _ if !closed => Launch::Border,
         (ascent, _) if ascent <= 1e-12 => Launch::Held,
         _ => best.1,

@@ -1,0 +1,166 @@
+//! A patch: the elements around a place with all that a step reads of them, copied out of a body.
+//!
+//! It is a body of its own, small enough to be locked into memory, on which [`step`] gives what it gives on the whole,
+//! bit for bit as long as the tool stays where the patch knows the surface ([`Patch::knows`]). Where the body goes on but
+//! the patch ends there is a *fence* in place of a neighbour ([`Body::is_fenced`]).
+//!
+//! [`step`]: https://docs.rs/palpate-engine
+
+use crate::body::Body;
+use crate::surface::{Element, FENCE, NO_TWIN};
+use glam::DVec3;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+/// The elements nearest to a place, copied. Made once and taken anew again and again, it keeps its memory.
+#[derive(Debug)]
+pub struct Patch {
+    body: Body,
+    /// Numbers in the whole body, ascending; an element's place here is its number in the patch. Likewise nodes and test
+    /// points: what is compared by its number compares alike.
+    elements: Vec<u32>,
+    nodes: Vec<u32>,
+    test_points: Vec<u32>,
+    centre: DVec3,
+    radius_m: f64,
+    groups: Vec<u32>,
+    queue: Queue,
+}
+
+/// Groups of the tree still to be looked into, the nearest first: squared distance (its bits order as it does), level,
+/// number.
+pub(crate) type Queue = BinaryHeap<Reverse<(u64, u32, u32)>>;
+
+impl Patch {
+    /// Of `body`, around `centre`.
+    pub fn new(body: &Body, centre: [f64; 3], count: usize) -> Self {
+        let mut patch = Patch {
+            body: body.without_surface(),
+            elements: Vec::new(),
+            nodes: Vec::new(),
+            test_points: Vec::new(),
+            centre: DVec3::ZERO,
+            radius_m: 0.0,
+            groups: Vec::new(),
+            queue: Queue::new(),
+        };
+        patch.take(body, centre, count);
+        patch
+    }
+
+    /// Takes the `count` elements nearest to `centre` (m), up to seven more; all there are if there are fewer. The same
+    /// body, centre and count give the same patch. About 0.3 µs an element.
+    ///
+    /// `body` must be the one the patch was made of.
+    pub fn take(&mut self, body: &Body, centre: [f64; 3], count: usize) {
+        self.centre = DVec3::from_array(centre);
+        let Patch { elements, nodes, test_points, groups, queue, .. } = self;
+        self.radius_m = body.search.nearest_groups(self.centre, count, groups, queue);
+
+        elements.clear();
+        elements.extend(groups.iter().flat_map(|&g| body.search.group(g)));
+        elements.sort_unstable();
+        let whole = |e: &u32| &body.elements[*e as usize];
+        sorted_into(nodes, elements.iter().flat_map(|e| whole(e).nodes));
+        let mixed = nodes.iter().flat_map(|&n| body.nodes[n as usize].test_points);
+        let gradients = body.derived_gradients();
+        let neighbours = gradients.into_iter().flat_map(|g| nodes.iter().flat_map(|&n| g.term_points(n)));
+        sorted_into(test_points, mixed.chain(neighbours));
+
+        let to = &mut self.body;
+        to.nodes.clear();
+        to.nodes.extend(nodes.iter().map(|&n| {
+            let mut node = body.nodes[n as usize];
+            node.test_points = node.test_points.map(|t| place(test_points, t));
+            node
+        }));
+        to.elements.clear();
+        to.elements.extend(elements.iter().map(whole).map(|element| Element {
+            nodes: element.nodes.map(|n| place(nodes, n)),
+            twins: element.twins.map(|twin| match elements.binary_search(&(twin / 3)) {
+                _ if twin == NO_TWIN => NO_TWIN,
+                Ok(there) => 3 * there as u32 + twin % 3,
+                Err(_) => FENCE,
+            }),
+        }));
+        to.lateral_tensors.clear();
+        if !body.is_isotropic() {
+            to.lateral_tensors.extend(nodes.iter().map(|&n| body.lateral_tensors[n as usize]));
+        }
+        to.responses.copy(&body.responses, test_points);
+        to.search.copy(&body.search, groups, |e| place(elements, e));
+        if let Some(from) = gradients {
+            let mut copy = to.take_gradients();
+            copy.copy(from, nodes, &body.responses, |t| place(test_points, t));
+            to.set_gradients(copy);
+        }
+    }
+
+    /// The patch as the engine takes it; elements and nodes have numbers of their own.
+    ///
+    /// # Real-time
+    /// O(1).
+    #[inline]
+    pub fn body(&self) -> &Body {
+        &self.body
+    }
+
+    /// Whether a tool of `radius_m` at `p` (m) can touch nothing of the whole body but what the patch holds.
+    ///
+    /// # Real-time
+    /// O(1), never panics.
+    #[inline]
+    pub fn knows(&self, p: [f64; 3], radius_m: f64) -> bool {
+        self.centre.distance(DVec3::from_array(p)) + radius_m < self.radius_m
+    }
+
+    /// Its middle, m.
+    pub fn centre_m(&self) -> [f64; 3] {
+        self.centre.to_array()
+    }
+
+    /// All of the body that is nearer to the middle than this is in the patch, m; infinite where all of it is.
+    pub fn radius_m(&self) -> f64 {
+        self.radius_m
+    }
+
+    /// An element's number here.
+    ///
+    /// # Real-time
+    /// Logarithmic, never panics.
+    #[inline]
+    pub fn local(&self, element: u32) -> Option<u32> {
+        self.elements.binary_search(&element).ok().map(|e| e as u32)
+    }
+
+    /// An element's number in the whole body; its own number for one that the patch doesn't hold.
+    ///
+    /// # Real-time
+    /// O(1), never panics.
+    #[inline]
+    pub fn global(&self, element: u32) -> u32 {
+        self.elements.get(element as usize).copied().unwrap_or(element)
+    }
+
+    /// Locks what a step reads into RAM.
+    ///
+    /// # Errors
+    /// The operating system's limit on locked memory is too low.
+    pub fn lock_memory(&self) -> std::io::Result<()> {
+        self.body.lock_memory()?;
+        crate::file::lock(bytemuck::cast_slice(&self.elements))
+    }
+}
+
+/// Fills `list` with the values, each once, ascending.
+fn sorted_into(list: &mut Vec<u32>, values: impl Iterator<Item = u32>) {
+    list.clear();
+    list.extend(values);
+    list.sort_unstable();
+    list.dedup();
+}
+
+/// Where `value` is in a sorted list that holds it; what no list holds stays itself.
+fn place(list: &[u32], value: u32) -> u32 {
+    list.binary_search(&value).map_or(value, |at| at as u32)
+}

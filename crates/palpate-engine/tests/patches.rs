@@ -1,0 +1,141 @@
+//! A step on a patch is the step on its whole body, and at the patch's edge the contact point waits.
+
+mod common;
+
+use common::*;
+use glam::DVec3;
+use palpate_body::{Body, BodyParts, NodeMix, Patch, SlipRule, Tool};
+use palpate_engine::{Ablation, Contact, Output, ToolPose};
+
+/// Bodies of every kind that differs in what a step reads: test points at nodes and between them, tensors, creases, a
+/// border, a sphere for a tool.
+fn bodies() -> Vec<Body> {
+    let mut rng = Chance::new(50);
+    let round = ellipsoid(DVec3::new(0.03, 0.04, 0.025), 4);
+    let plain = heterogeneous(&round, &mut rng, 0.35, 0.2);
+    let few: Vec<u32> = (0..24).map(|_| rng.below(plain.nodes().len()) as u32).collect();
+    let mixed = BodyParts {
+        mixes: plain
+            .nodes()
+            .iter()
+            .map(|n| {
+                let t = |axis: usize| (((n.position[axis] + 0.04) / 0.08 * 23.0) as u32).min(23);
+                NodeMix { test_points: [t(0), t(1), t(2)], weights: [0.5, 0.3, 0.2] }
+            })
+            .collect(),
+        responses: few.iter().map(|&n| plain.curves()[n as usize].clone()).collect(),
+        test_point_nodes: few,
+        ..plain.parts()
+    };
+    let ball = BodyParts { tool: Tool::sphere(2e-3), ..plain.parts() };
+    vec![
+        Body::new(mixed).unwrap(),
+        Body::new(ball).unwrap(),
+        anisotropic(&torus(0.04, 0.015, 96, 40), &mut rng, 0.3, 0.3, 1.8),
+        uniform(&block(DVec3::splat(0.03), 20), 500.0, 400.0, 0.1),
+        heterogeneous(&patch(0.08, 50), &mut rng, 0.3, 0.2),
+        plain,
+    ]
+}
+
+/// In and out of the surface, and over it.
+fn tour(body: &Body, rng: &mut Chance, steps: usize) -> Vec<DVec3> {
+    let nodes = body.element_nodes(rng.below(body.elements().len()) as u32);
+    let (home, down) = (nodes[0].position, nodes[0].inward);
+    let along = down.any_orthonormal_vector();
+    let bob = |t: f64| -2e-3 + 5e-3 * libm::sin(11.0 * t);
+    (0..steps)
+        .map(|k| {
+            let t = k as f64 * 1e-3;
+            home + along * (8e-3 * libm::sin(3.0 * t)) + down * (bob(t) - body.tool().radius_m)
+        })
+        .collect()
+}
+
+#[test]
+fn a_step_on_a_patch_is_the_step_on_the_whole_body() {
+    let mut rng = Chance::new(51);
+    let (mut steps, mut taken, mut touched, mut free) = (0, 0, 0, 0);
+    for body in bodies() {
+        for rule in SlipRule::ALL {
+            let mut whole = Contact::with_slip(&body, rule, Ablation::None);
+            let mut part = whole.clone();
+            let radius = body.tool().radius_m;
+            let mut local = Patch::new(&body, [0.0; 3], 1);
+            let mut first = true;
+            for tip in tour(&body, &mut rng, 900) {
+                let (pose, p) = (ToolPose::at(tip.to_array()), tip.to_array());
+                let away = |at: Option<[f64; 3]>| !at.is_none_or(|at| local.knows(at, radius));
+                let lost = part.touching().is_none() && (away(Some(p)) || away(part.last_tip_m()));
+                // Anew where it must be, and now and then where it need not.
+                if first || lost || rng.below(50) == 0 {
+                    let from = |e: u32| local.global(e);
+                    let centre = part.touching().map_or(tip, |at| local.body().point(at));
+                    let mut next = Patch::new(&body, centre.to_array(), 400);
+                    assert!(first || part.renumber(|e| next.local(from(e))));
+                    std::mem::swap(&mut local, &mut next);
+                    // Memory that was used before makes no difference.
+                    next.take(&body, centre.to_array(), 400);
+                    assert_eq!(next.body(), local.body());
+                    assert!(local.body().elements().len() < 410 && local.radius_m() < 0.03);
+                    (first, taken) = (false, taken + 1);
+                }
+                let expected = whole.step(&body, &pose);
+                let mut got = part.step(local.body(), &pose);
+                if let Some(c) = &mut got.contact {
+                    c.element = local.global(c.element);
+                }
+                assert_eq!(got, expected, "{rule:?} at {tip}");
+                steps += 1;
+                touched += usize::from(got.flags.in_contact);
+                free += usize::from(!got.flags.in_contact);
+            }
+        }
+    }
+    assert!(touched > steps / 4 && free > steps / 4 && taken > steps / 100, "{steps} {taken} {touched} {free}");
+}
+
+#[test]
+fn at_a_patchs_edge_the_contact_point_waits_and_goes_on() {
+    let body = heterogeneous(&ellipsoid(DVec3::splat(0.03), 4), &mut Chance::new(52), 0.3, 0.1);
+    for rule in SlipRule::ALL {
+        let top = DVec3::new(0.0, 0.0, 0.03);
+        let small = Patch::new(&body, top.to_array(), 60);
+        let mut contact = Contact::with_slip(&body, rule, Ablation::None);
+        // Down by 2 mm, then over the ball.
+        let path = (0..200).map(|k| {
+            let (radius, angle) = (0.031 - 3e-5 * f64::from(k.min(100)), 5e-3 * f64::from(k.max(100) - 100));
+            DVec3::new(libm::sin(angle), 0.0, libm::cos(angle)) * radius
+        });
+        let mut last = Output::default();
+        let mut waited = 0;
+        for tip in path {
+            last = step(&mut contact, small.body(), tip);
+            assert!(!last.flags.border && imbalance(&last) < 1e-9, "{:?}", last.flags);
+            waited += usize::from(last.flags.fenced);
+        }
+        assert!(waited > 20 && last.flags.in_contact && contact.counters().fenced == waited as u64, "{rule:?}");
+        let held = last.contact.unwrap();
+        // The next patch reaches farther: the contact point runs on to within the limit.
+        let next = Patch::new(&body, held.position_m, 2000);
+        assert!(contact.renumber(|e| next.local(small.global(e))));
+        let tip = DVec3::from_array(contact.last_tip_m().unwrap());
+        let freed = step(&mut contact, next.body(), tip);
+        let moved = DVec3::from_array(freed.contact.unwrap().position_m).distance(held.position_m.into());
+        assert!(!freed.flags.fenced && freed.flags.slipping && moved > 1e-3, "{rule:?} {moved}");
+        assert!(force(&freed).length() < force(&last).length());
+        assert!(freed.energy.generated_j <= last.energy.generated_j + 1e-9);
+        // A patch without the contact point's element is refused, and nothing is changed.
+        let elsewhere = Patch::new(&body, [0.0, 0.0, -0.03], 60);
+        assert!(!contact.renumber(|e| elsewhere.local(next.global(e))));
+        assert!(contact.touching().is_some());
+    }
+}
+
+#[test]
+fn all_of_a_small_body_is_its_patch() {
+    let body = uniform(&cylinder(0.03, 0.1, 24, 11), 500.0, 400.0, 0.1);
+    let patch = Patch::new(&body, [1.0, 0.0, 0.0], 4096);
+    assert_eq!(patch.radius_m(), f64::INFINITY);
+    assert!(patch.body().nodes() == body.nodes() && patch.body().elements() == body.elements());
+}
