@@ -1,30 +1,23 @@
 //! One period of the loop.
 
-use crate::{Coupling, PassivityController, WorkspaceMap};
+use crate::map::Mapping;
+use crate::{StageCounts, StageFlags, Stages, WorkspaceMap};
 use glam::DVec3;
 use palpate_body::Body;
 use palpate_device::{Command, Device, Fault, Sample};
 use palpate_engine::{Contact, Output, ToolPose};
 
-/// What lies between the engine and the device. All but the force limit are off by default.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Stages {
-    /// A spring between the device and a virtual tool that touches the body in its place.
-    pub coupling: Option<Coupling>,
-    /// Takes back energy that the loop would give out.
-    pub passivity: Option<PassivityController>,
-    /// No command is larger, N; `None` for no limit.
-    pub force_max_n: Option<f64>,
-}
-
 /// The loop on one body with one device.
 #[derive(Debug, Clone)]
 pub struct HapticLoop {
     contact: Contact,
-    map: WorkspaceMap,
+    mapping: Mapping,
     stages: Stages,
     port: Port,
-    limited: u64,
+    counts: StageCounts,
+    /// The last sample that was read, and the last pose that the engine was given.
+    last: (Sample, ToolPose),
+    stopped: bool,
 }
 
 /// What a period saw and did.
@@ -32,14 +25,19 @@ pub struct HapticLoop {
 pub struct Period {
     /// s.
     pub time_s: f64,
-    /// What the device said.
+    /// What the device said; what it said last where `read` failed.
     pub sample: Sample,
-    /// The pose that the engine was given, in the body's frame: the virtual tool's under a coupling.
+    /// The pose that the engine was given last, in the body's frame: the virtual tool's under a coupling. In this
+    /// period if `flags` say [`StageFlags::STEPPED`].
     pub pose: ToolPose,
-    /// What the engine answered.
+    /// What the engine answered; no force where it was not given a pose.
     pub output: Output,
     /// What the device was told.
     pub command: Command,
+    /// What the stages did.
+    pub flags: StageFlags,
+    /// What `read` reported, or else `write`.
+    pub fault: Option<Fault>,
 }
 
 /// The engine's port to the loop: its force is held from one pose to the next.
@@ -65,7 +63,15 @@ impl Port {
 impl HapticLoop {
     /// A loop that renders `contact` through `stages`.
     pub fn new(contact: Contact, map: WorkspaceMap, stages: Stages) -> Self {
-        HapticLoop { contact, map, stages, port: Port::default(), limited: 0 }
+        HapticLoop {
+            contact,
+            mapping: Mapping::new(map),
+            stages,
+            port: Port::default(),
+            counts: StageCounts::default(),
+            last: (Sample::default(), ToolPose::at([0.0; 3])),
+            stopped: false,
+        }
     }
 
     /// The contact as it is now.
@@ -78,17 +84,37 @@ impl HapticLoop {
         &self.port
     }
 
+    /// The map as it is now: clutching moves its offset.
+    pub fn map(&self) -> &WorkspaceMap {
+        &self.mapping.map
+    }
+
     /// The stages as they are now.
     pub fn stages(&self) -> &Stages {
         &self.stages
     }
 
-    /// How many commands were cut to the force limit.
-    pub fn limited(&self) -> u64 {
-        self.limited
+    /// How often the stages did what.
+    pub fn counts(&self) -> &StageCounts {
+        &self.counts
     }
 
-    /// One period at `now_s` after the device's opening: read, map, step, output stages, write.
+    /// From the next period on the command goes to zero, which it reaches within two periods, and stays there.
+    pub fn stop(&mut self) {
+        self.stopped = true;
+    }
+
+    /// Ends a stop: the force grows in anew.
+    pub fn resume(&mut self) {
+        self.stopped = false;
+    }
+
+    /// Whether the last command was zero.
+    pub fn is_silent(&self) -> bool {
+        self.stages.force.rendered() == DVec3::ZERO && self.stages.torque.rendered() == DVec3::ZERO
+    }
+
+    /// As [`period`](Self::period), for callers who give up at the first fault.
     ///
     /// # Errors
     /// What the device's `read` or `write` reports.
@@ -96,32 +122,95 @@ impl HapticLoop {
     /// # Real-time
     /// As bounded as the device's `read` and `write`.
     pub fn step(&mut self, body: &Body, device: &mut dyn Device, now_s: f64) -> Result<Period, Fault> {
-        let sample = device.read(now_s)?;
-        let mut pose = self.map.body_from_device(&sample.pose);
+        let period = self.period(body, device, now_s);
+        period.fault.map_or(Ok(period), Err)
+    }
+
+    /// One period at `now_s` after the device's opening: read, believe the pose or not, map, step, output stages, write.
+    /// A fault, a pose that is not believed, a held clutch, and a stop bring the force to zero within the slew limit;
+    /// after them it grows in anew.
+    ///
+    /// # Real-time
+    /// As bounded as the device's `read` and `write`.
+    pub fn period(&mut self, body: &Body, device: &mut dyn Device, now_s: f64) -> Period {
+        let mut flags = StageFlags::default();
+        let unread = self.read(device, now_s, &mut flags).err();
+        let output = self.render(body, &mut flags);
+        let command = self.command(now_s, &output, &mut flags);
+        let unwritten = self.write(device, &command, &mut flags).err();
+        self.counts.add(flags);
+        let (sample, pose) = self.last;
+        Period { time_s: now_s, sample, pose, output, command, flags, fault: unread.or(unwritten) }
+    }
+
+    /// A period without reading or stepping: the next command on the way to zero. For a loop that ends, perhaps because
+    /// its device can't be read.
+    ///
+    /// # Errors
+    /// What the device's `write` reports.
+    ///
+    /// # Real-time
+    /// As bounded as the device's `write`.
+    pub fn fade(&mut self, device: &mut dyn Device, now_s: f64) -> Result<Command, Fault> {
+        self.stop();
+        let mut flags = StageFlags::default();
+        let command = self.command(now_s, &Output::default(), &mut flags);
+        let written = self.write(device, &command, &mut flags);
+        self.counts.add(flags);
+        written.map(|()| command)
+    }
+
+    /// The device's sample, and whether its pose is believed.
+    fn read(&mut self, device: &mut dyn Device, now: f64, flags: &mut StageFlags) -> Result<(), Fault> {
+        let read = device.read(now);
+        flags.set(StageFlags::UNREAD, read.is_err());
+        self.last.0 = read?;
+        let believed = self.stages.guard.accept(&self.last.0.pose, now);
+        flags.set(StageFlags::STEPPED, believed);
+        flags.set(StageFlags::REFUSED, !believed);
+        Ok(())
+    }
+
+    /// The engine's answer at the mapped pose, or at the virtual tool that follows it.
+    fn render(&mut self, body: &Body, flags: &mut StageFlags) -> Output {
+        if !flags.has(StageFlags::STEPPED) {
+            return Output { energy: *self.contact.energy(), ..Output::default() };
+        }
+        let mut pose = self.mapping.pose(&self.last.0);
+        flags.set(StageFlags::CLUTCHED, self.mapping.is_held());
         if let Some(coupling) = &mut self.stages.coupling {
             pose.position_m = coupling.tool(DVec3::from_array(pose.position_m)).to_array();
         }
         let output = self.contact.step(body, &pose);
-        let force = DVec3::from_array(output.force_n);
-        self.port.pass(DVec3::from_array(pose.position_m), force);
-        let command = self.command(DVec3::from_array(sample.pose.position_m), force, output.torque_nm);
-        device.write(&command)?;
-        Ok(Period { time_s: now_s, sample, pose, output, command })
+        self.port.pass(DVec3::from_array(pose.position_m), DVec3::from_array(output.force_n));
+        self.last.1 = pose;
+        output
     }
 
-    /// The output stages, in order: coupling, map, passivity, limit.
-    fn command(&mut self, device: DVec3, force: DVec3, torque: [f64; 3]) -> Command {
-        let Stages { coupling, passivity, force_max_n } = &mut self.stages;
-        let coupled = coupling.as_mut().map_or(force, |c| c.force(force));
-        let wanted = self.map.device_from_body(coupled);
-        let passive = passivity.as_mut().map_or(wanted, |p| p.pass(device, wanted));
-        let most = force_max_n.unwrap_or(f64::INFINITY);
-        self.limited += u64::from(passive.length() > most);
-        let limited = passive.clamp_length_max(most);
-        if let Some(passivity) = passivity {
-            passivity.rendered(limited);
+    /// The coupling's force in the place of the body's, into the device's frame, and through the stages.
+    fn command(&mut self, now: f64, output: &Output, flags: &mut StageFlags) -> Command {
+        flags.set(StageFlags::STOPPED, self.stopped);
+        let silence = !flags.has(StageFlags::STEPPED) || flags.has(StageFlags::CLUTCHED) || self.stopped;
+        let [force, torque] = [output.force_n, output.torque_nm].map(DVec3::from_array);
+        let force = match &mut self.stages.coupling {
+            Some(coupling) if flags.has(StageFlags::STEPPED) => coupling.force(force),
+            _ => force,
+        };
+        let wanted = [force, torque].map(|v| self.mapping.map.device_from_body(v));
+        self.stages.command(now, &self.last.0, wanted, silence, flags)
+    }
+
+    fn write(
+        &mut self,
+        device: &mut dyn Device,
+        command: &Command,
+        flags: &mut StageFlags,
+    ) -> Result<(), Fault> {
+        let written = device.write(command);
+        if written.is_err() {
+            flags.set(StageFlags::UNWRITTEN, true);
+            self.stages.failed();
         }
-        let torque = self.map.device_from_body(DVec3::from_array(torque));
-        Command { force_n: limited.to_array(), torque_nm: torque.to_array() }
+        written
     }
 }

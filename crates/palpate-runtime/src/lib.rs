@@ -40,11 +40,25 @@
 mod closed_loop;
 mod coupling;
 mod cycle;
+mod damping;
+mod flags;
+mod guard;
+mod limit;
 mod map;
 mod passivity;
+mod safety;
+mod soft_start;
+mod stages;
 
-pub use closed_loop::{HapticLoop, Period, Port, Stages};
+pub use closed_loop::{HapticLoop, Period, Port};
 pub use coupling::Coupling;
 pub use cycle::Cycle;
+pub use damping::Damping;
+pub use flags::{StageCounts, StageFlags};
+pub use guard::PoseGuard;
+pub use limit::Limit;
 pub use map::WorkspaceMap;
 pub use passivity::PassivityController;
+pub use safety::{Safety, SafetyError};
+pub use soft_start::SoftStart;
+pub use stages::Stages;

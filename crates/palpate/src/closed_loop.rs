@@ -162,7 +162,7 @@ pub fn run(
         coupling: coupling_n_per_m.map(|k| Coupling::new(k, stiffness_down_to(body, f64::INFINITY))),
         passivity: passivity.then(|| PassivityController::new(period, mass)),
         // The device cuts, and counts.
-        force_max_n: None,
+        ..Stages::default()
     };
     let map = WorkspaceMap { offset_m: place, ..WorkspaceMap::default() };
     let mut closed =

@@ -1,6 +1,8 @@
 //! Bodies and loops for the runtime's tests.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
+pub mod faulty;
+
 use glam::DVec3;
 use palpate_body::shape::{Resolution, Shape};
 use palpate_body::{Body, BodyParts, NodeMix, Provenance, Response, SlipRule, Surface, Tool, TriangleMesh};

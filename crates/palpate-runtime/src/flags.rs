@@ -1,0 +1,110 @@
+//! What the stages did in a period, and how often.
+
+/// A set of things that happened in one period.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct StageFlags(u32);
+
+impl StageFlags {
+    /// The engine was given a pose.
+    pub const STEPPED: Self = Self(1);
+    /// The device's `read` failed.
+    pub const UNREAD: Self = Self(1 << 1);
+    /// The pose was not believed: no number, or too far from the last.
+    pub const REFUSED: Self = Self(1 << 2);
+    /// The clutch was held.
+    pub const CLUTCHED: Self = Self(1 << 3);
+    /// A force or torque was no number, and zero in its place.
+    pub const CONTAINED: Self = Self(1 << 4);
+    /// The passivity controller rendered a damping.
+    pub const PASSIVITY: Self = Self(1 << 5);
+    /// The soft start had not ended.
+    pub const STARTING: Self = Self(1 << 6);
+    /// Force or torque were cut to the limit.
+    pub const SATURATED: Self = Self(1 << 7);
+    /// Force or torque were held back by the slew limit.
+    pub const SLEWED: Self = Self(1 << 8);
+    /// The last command was sent again, because its `write` had failed.
+    pub const REPEATED: Self = Self(1 << 9);
+    /// The device's `write` failed.
+    pub const UNWRITTEN: Self = Self(1 << 10);
+    /// The loop was stopped: no force but on the way to zero.
+    pub const STOPPED: Self = Self(1 << 11);
+
+    /// All of them, in the order of their bits, with their names.
+    pub const NAMED: [(&'static str, Self); 12] = [
+        ("stepped", Self::STEPPED),
+        ("unread", Self::UNREAD),
+        ("refused", Self::REFUSED),
+        ("clutched", Self::CLUTCHED),
+        ("contained", Self::CONTAINED),
+        ("passivity", Self::PASSIVITY),
+        ("starting", Self::STARTING),
+        ("saturated", Self::SATURATED),
+        ("slewed", Self::SLEWED),
+        ("repeated", Self::REPEATED),
+        ("unwritten", Self::UNWRITTEN),
+        ("stopped", Self::STOPPED),
+    ];
+
+    /// Adds `flag` if `happened`.
+    pub(crate) fn set(&mut self, flag: Self, happened: bool) {
+        self.0 |= if happened { flag.0 } else { 0 };
+    }
+
+    /// Whether any of `flags` happened.
+    pub fn has(self, flags: Self) -> bool {
+        self.0 & flags.0 != 0
+    }
+
+    /// As bits.
+    pub fn bits(self) -> u32 {
+        self.0
+    }
+
+    /// From bits; unknown ones are dropped.
+    pub fn from_bits(bits: u32) -> Self {
+        Self(bits & ((1 << Self::NAMED.len()) - 1))
+    }
+
+    /// The names of what happened.
+    pub fn names(self) -> impl Iterator<Item = &'static str> {
+        Self::NAMED.into_iter().filter(move |(_, flag)| self.has(*flag)).map(|(name, _)| name)
+    }
+}
+
+/// In how many periods each flag was set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct StageCounts([u64; StageFlags::NAMED.len()]);
+
+impl StageCounts {
+    /// Counts one period.
+    pub fn add(&mut self, flags: StageFlags) {
+        for (count, (_, flag)) in self.0.iter_mut().zip(StageFlags::NAMED) {
+            *count += u64::from(flags.has(flag));
+        }
+    }
+
+    /// The periods in which `flag`, a single one, was set.
+    pub fn of(&self, flag: StageFlags) -> u64 {
+        self.0.get(flag.0.trailing_zeros() as usize).copied().unwrap_or(0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bits_names_and_counts_agree() {
+        let mut counts = StageCounts::default();
+        for (i, (name, flag)) in StageFlags::NAMED.into_iter().enumerate() {
+            assert_eq!(flag.bits(), 1 << i);
+            assert_eq!(flag.names().collect::<Vec<_>>(), [name]);
+            counts.add(flag);
+            counts.add(StageFlags::STEPPED);
+        }
+        assert_eq!(counts.of(StageFlags::STEPPED), StageFlags::NAMED.len() as u64 + 1);
+        assert_eq!(counts.of(StageFlags::STOPPED), 1);
+        assert_eq!(StageFlags::from_bits(u32::MAX).names().count(), StageFlags::NAMED.len());
+    }
+}

@@ -1,0 +1,227 @@
+//! What a loop with a person at its end is allowed to do: settings, checked against the device before anything moves.
+
+use crate::{Damping, Limit, PassivityController, PoseGuard, SoftStart, Stages};
+use palpate_device::Capabilities;
+use serde::{Deserialize, Serialize};
+
+/// Settings of the output stages. The default is for a device in somebody's hand; what isn't given comes from the
+/// device's capability record.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Safety {
+    /// A pose that the handle could reach only faster than this is not believed, m/s. A hand throws at about 10 m/s.
+    pub speed_max_m_per_s: f64,
+    /// Of a damping besides the device's own, N·s/m.
+    pub damping_n_s_per_m: f64,
+    /// Whether the passivity controller may act.
+    pub passivity: bool,
+    /// How long the force takes to grow in at the beginning, and after anything that went wrong, s.
+    pub soft_start_s: f64,
+    /// The largest force, N; the device's own limit where that is lower.
+    pub force_max_n: Option<f64>,
+    /// The largest torque, N·m; the device's own limit where that is lower.
+    pub torque_max_nm: Option<f64>,
+    /// How fast the force may change, N/s. The default is the slowest that lets a stop end within two periods: half of
+    /// the largest force a period.
+    pub slew_n_per_s: Option<f64>,
+    /// How fast the torque may change, N·m/s; the default likewise.
+    pub torque_slew_nm_per_s: Option<f64>,
+}
+
+impl Default for Safety {
+    fn default() -> Self {
+        Safety {
+            speed_max_m_per_s: 10.0,
+            damping_n_s_per_m: 0.0,
+            passivity: false,
+            soft_start_s: 0.5,
+            force_max_n: None,
+            torque_max_nm: None,
+            slew_n_per_s: None,
+            torque_slew_nm_per_s: None,
+        }
+    }
+}
+
+/// A setting that can't be.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{setting}: {problem}; {mend}")]
+pub struct SafetyError {
+    /// Its name.
+    pub setting: &'static str,
+    /// What is wrong with it.
+    pub problem: String,
+    /// What to do.
+    pub mend: String,
+}
+
+impl Safety {
+    /// The stages for this device in a loop of `rate_hz`, without a coupling.
+    ///
+    /// # Errors
+    /// A setting that is no number or out of its range; a damping that the device's mass would not bear at this rate; a
+    /// slew limit at which a stop would take more than two periods; a device that names no largest force where none is
+    /// set.
+    pub fn stages(&self, device: &Capabilities, rate_hz: f64) -> Result<Stages, SafetyError> {
+        within("rate_hz", rate_hz, 1.0, 1e5)?;
+        let period = 1.0 / rate_hz;
+        let speed = within("speed_max_m_per_s", self.speed_max_m_per_s, 0.1, 1e3)?;
+        let seconds = within("soft_start_s", self.soft_start_s, 0.0, 60.0)?;
+        let mass = device.mechanics.mass_kg.value;
+        Ok(Stages {
+            guard: PoseGuard::new(speed),
+            coupling: None,
+            damping: self.damping(mass, period)?,
+            passivity: self.passivity.then(|| PassivityController::new(period, mass)),
+            soft_start: SoftStart::new(seconds, period),
+            force: FORCE.limit(
+                Some(device.max_force_n.value),
+                self.force_max_n,
+                self.slew_n_per_s,
+                period,
+            )?,
+            torque: match &device.max_torque_nm {
+                // Where no rotation is driven no torque is rendered.
+                None => Limit::new(0.0, 0.0),
+                Some(most) => {
+                    TORQUE.limit(Some(most.value), self.torque_max_nm, self.torque_slew_nm_per_s, period)?
+                }
+            },
+        })
+    }
+
+    fn damping(&self, mass: f64, period: f64) -> Result<Option<Damping>, SafetyError> {
+        let damping = self.damping_n_s_per_m;
+        let most = 0.5 * mass / period;
+        if !(0.0..=most).contains(&damping) {
+            return Err(SafetyError {
+                setting: "damping_n_s_per_m",
+                problem: format!(
+                    "{damping} is not between 0 and {most:.3} N·s/m, half of the device's {mass} kg over a period"
+                ),
+                mend: format!("give at most {most:.3}, or a higher rate"),
+            });
+        }
+        Ok((damping > 0.0).then(|| Damping::new(damping)))
+    }
+}
+
+/// The names that a limit's settings have.
+struct Named {
+    most: &'static str,
+    slew: &'static str,
+    unit: &'static str,
+}
+
+const FORCE: Named = Named { most: "force_max_n", slew: "slew_n_per_s", unit: "N" };
+const TORQUE: Named = Named { most: "torque_max_nm", slew: "torque_slew_nm_per_s", unit: "N·m" };
+
+impl Named {
+    fn limit(
+        &self,
+        device: Option<f64>,
+        user: Option<f64>,
+        slew: Option<f64>,
+        period: f64,
+    ) -> Result<Limit, SafetyError> {
+        let Named { most: name, unit, .. } = self;
+        let device = device.filter(|most| *most > 0.0 && most.is_finite());
+        let user = user.map(|most| within(name, most, 1e-6, 1e4)).transpose()?;
+        let Some(most) = device.into_iter().chain(user).reduce(f64::min) else {
+            return Err(SafetyError {
+                setting: self.most,
+                problem: "the device names none".into(),
+                mend: format!("give one, in {unit}"),
+            });
+        };
+        // Two steps must bring the largest force to zero.
+        let least = 0.5 * most / period;
+        let slew = slew.unwrap_or(least);
+        // The least slew as somebody would write it down, rounded, is meant to be enough.
+        if !(slew >= least * (1.0 - 1e-9) && slew < f64::INFINITY) {
+            return Err(SafetyError {
+                setting: self.slew,
+                problem: format!(
+                    "at {slew} {unit}/s a stop would not bring {most} {unit} to zero within two periods"
+                ),
+                // Rounded up: a message is no place for 1649.9999999999998.
+                mend: format!("give at least {} {unit}/s, or a lower {name}", (least * 1e3).ceil() * 1e-3),
+            });
+        }
+        Ok(Limit::new(most, slew * period))
+    }
+}
+
+fn within(setting: &'static str, value: f64, least: f64, most: f64) -> Result<f64, SafetyError> {
+    if (least..=most).contains(&value) {
+        return Ok(value);
+    }
+    Err(SafetyError {
+        setting,
+        problem: format!("{value} is not between {least} and {most}"),
+        mend: "give a number in between".into(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_device::{Figure, presets};
+
+    fn touch() -> Capabilities {
+        presets::device("touch").unwrap()
+    }
+
+    #[test]
+    fn the_lower_limit_wins_and_the_slew_is_half_of_it_a_period() {
+        for (asked, most) in [(None, 3.3), (Some(2.0), 2.0), (Some(50.0), 3.3)] {
+            for rate in [500.0, 1000.0, 4000.0] {
+                let safety = Safety { force_max_n: asked, ..Safety::default() };
+                let stages = safety.stages(&touch(), rate).unwrap();
+                assert_eq!((stages.force.most(), stages.torque.most()), (most, 0.0));
+                assert!((stages.force.step() - 0.5 * most).abs() < 1e-12);
+            }
+        }
+        let sigma = presets::device("sigma").unwrap();
+        let stages = Safety::default().stages(&sigma, 1000.0).unwrap();
+        assert_eq!((stages.torque.most(), stages.torque.step()), (0.1, 0.05));
+    }
+
+    #[test]
+    fn a_setting_that_cant_be_is_refused_with_its_name_and_the_mend() {
+        let safety = Safety::default();
+        let wrong = [
+            (Safety { slew_n_per_s: Some(1649.0), ..safety }, "slew_n_per_s"),
+            (Safety { slew_n_per_s: Some(f64::NAN), ..safety }, "slew_n_per_s"),
+            (Safety { slew_n_per_s: Some(f64::INFINITY), ..safety }, "slew_n_per_s"),
+            (Safety { force_max_n: Some(0.0), ..safety }, "force_max_n"),
+            (Safety { force_max_n: Some(f64::NAN), ..safety }, "force_max_n"),
+            (Safety { soft_start_s: -1.0, ..safety }, "soft_start_s"),
+            (Safety { damping_n_s_per_m: 30.0, ..safety }, "damping_n_s_per_m"),
+            (Safety { damping_n_s_per_m: f64::NAN, ..safety }, "damping_n_s_per_m"),
+            (Safety { speed_max_m_per_s: 0.0, ..safety }, "speed_max_m_per_s"),
+        ];
+        for (safety, setting) in wrong {
+            let error = safety.stages(&touch(), 1000.0).unwrap_err();
+            assert!(error.setting == setting && error.to_string().contains("give"), "{error}");
+        }
+        assert_eq!(safety.stages(&touch(), f64::NAN).unwrap_err().setting, "rate_hz");
+        let enough = Safety { slew_n_per_s: Some(1650.0), ..safety };
+        assert!(enough.stages(&touch(), 1000.0).is_ok());
+        let message = Safety { slew_n_per_s: Some(100.0), ..safety }.stages(&touch(), 1000.0).unwrap_err();
+        assert_eq!(
+            message.to_string(),
+            "slew_n_per_s: at 100 N/s a stop would not bring 3.3 N to zero within two periods; give at least 1650 N/s, \
+             or a lower force_max_n"
+        );
+    }
+
+    #[test]
+    fn a_device_without_a_limit_needs_one() {
+        let mut device = touch();
+        device.max_force_n = Figure::chosen(f64::INFINITY);
+        assert_eq!(Safety::default().stages(&device, 1000.0).unwrap_err().setting, "force_max_n");
+        let stages = Safety { force_max_n: Some(3.0), ..Safety::default() }.stages(&device, 1000.0).unwrap();
+        assert_eq!(stages.force.most(), 3.0);
+    }
+}

@@ -1,0 +1,169 @@
+//! No force above the limit, no step above the slew limit, ever; after a stop zero within two periods: 1,000 random
+//! loops in virtual time, on random bodies, with stages on and off, while the device goes wrong at random.
+
+mod common;
+
+use common::faulty::{Faulty, Odds};
+use common::{Chance, patch, plane, shape, uniform, with_field};
+use glam::{DQuat, DVec3};
+use palpate_body::Body;
+use palpate_body::shape::Shape;
+use palpate_device::simulated::{Hand, Move, Script};
+use palpate_device::{Command, Device, Figure, Simulated, presets};
+use palpate_engine::Contact;
+use palpate_runtime::{Coupling, HapticLoop, Safety, StageCounts, StageFlags, WorkspaceMap};
+
+const RUNS: u64 = 1000;
+const PERIODS: u32 = 250;
+
+/// What the runs did in all, and the nearest that they came to the limits.
+#[derive(Debug, Default)]
+struct Tally {
+    flags: StageCounts,
+    touching: u64,
+    force: f64,
+    step: f64,
+}
+
+fn bodies(rng: &mut Chance) -> Vec<Body> {
+    let mut stiffness = || rng.range(150.0, 8000.0);
+    let [k, l, m] = [stiffness(), stiffness(), stiffness()];
+    let sphere = shape(Shape::Sphere { radius_mm: 30.0 }, 5.0);
+    vec![
+        plane(k, l, 0.3),
+        uniform(&sphere, l, m, rng.range(0.0, 1.0)),
+        with_field(&patch(0.1, 8), m, k, 0.5, &|p| 1.0 + 8.0 * (p.x + p.y)),
+    ]
+}
+
+fn moves(rng: &mut Chance) -> Vec<Move> {
+    let mut moves = vec![Move::Press { depth_m: rng.range(1e-3, 12e-3), seconds: rng.range(0.005, 0.1) }];
+    for _ in 0..4 {
+        let seconds = rng.range(0.01, 0.2);
+        moves.push(match rng.below(4) {
+            0 => Move::Press { depth_m: rng.range(-1e-3, 15e-3), seconds },
+            1 => Move::Drag { along_m: rng.range(-0.02, 0.02), across_m: rng.range(-0.02, 0.02), seconds },
+            2 => Move::Tap { depth_m: rng.range(-8e-3, 8e-3), times: 1 + rng.below(5) as u32, seconds },
+            _ => Move::Hold { tremor_m: rng.range(0.0, 1e-3), tremor_hz: rng.range(3.0, 30.0), seconds },
+        });
+    }
+    moves
+}
+
+/// Settings that are valid for this device and rate, most of them off half of the time.
+fn settings(rng: &mut Chance, rate_hz: f64, mass: f64) -> Safety {
+    let mut safety = Safety::default();
+    let mut maybe = |low: f64, high: f64| (rng.unit() < 0.5).then(|| rng.range(low, high));
+    safety.soft_start_s = maybe(0.001, 0.1).unwrap_or(0.0);
+    safety.damping_n_s_per_m = maybe(0.0, 0.5 * mass * rate_hz).unwrap_or(0.0);
+    safety.force_max_n = maybe(0.5, 10.0);
+    safety.speed_max_m_per_s = maybe(2.0, 20.0).unwrap_or(1000.0);
+    safety.passivity = maybe(0.0, 1.0).is_some();
+    let most = safety.force_max_n.unwrap_or(f64::INFINITY).min(3.3);
+    safety.slew_n_per_s = maybe(0.5, 2.0).map(|part| part * most * rate_hz);
+    safety
+}
+
+/// No command is larger than `most`, none farther from the one before than `step`.
+fn check(taken: &[Command], most: f64, step: f64, tally: &mut Tally) {
+    let force = |c: &Command| DVec3::from_array(c.force_n);
+    let mut before = DVec3::ZERO;
+    for (i, command) in taken.iter().enumerate() {
+        let force = force(command);
+        assert!(force.length() <= most, "command {i}: {} N of {most} N", force.length());
+        let way = force.distance(before);
+        // What is left to rounding is that of forming the sum and of this difference.
+        assert!(way <= step + 1e-14 * most, "command {i}: a step of {way} N of {step} N");
+        assert_eq!(command.torque_nm, [0.0; 3]);
+        tally.force = tally.force.max(force.length() / most);
+        tally.step = tally.step.max(way / step);
+        before = force;
+    }
+}
+
+fn run(body: &Body, seed: u64, rng: &mut Chance, tally: &mut Tally) {
+    let mut capabilities = presets::device("touch").unwrap();
+    let mass = capabilities.mechanics.mass_kg.value;
+    // The loop's limit must hold by itself: these motors would render more.
+    let rate_hz = rng.range(500.0, 4000.0);
+    let safety = settings(rng, rate_hz, mass);
+    let mut stages = safety.stages(&capabilities, rate_hz).unwrap();
+    capabilities.max_force_n = Figure::chosen(100.0);
+    if rng.unit() < 0.3 {
+        stages.coupling = Some(Coupling::new(rng.range(200.0, 3000.0), 5000.0));
+    }
+    let (most, step) = (stages.force.most(), stages.force.step());
+    let map = WorkspaceMap {
+        rotation: DQuat::from_euler(Default::default(), rng.range(0.0, 6.0), rng.range(0.0, 3.0), 1.0),
+        scale: if rng.unit() < 0.5 { 1.0 } else { rng.range(0.5, 3.0) },
+        offset_m: DVec3::Z * rng.range(-1e-3, 0.0),
+        clutch: (rng.unit() < 0.3).then_some(0),
+    };
+    // Over the top of the body, as the device sees it.
+    let above = DVec3::new(rng.range(-4e-3, 4e-3), rng.range(-4e-3, 4e-3), 0.1);
+    let touch = body.first_touch(above, above - DVec3::Z * 0.15, 0.0).unwrap();
+    let from_body = |v: DVec3| map.rotation.conjugate() * v;
+    let start = from_body(body.point(touch.at) - map.offset_m) / map.scale;
+    let hand = Hand { mass_kg: 0.01, damping_n_s_per_m: 2.0, stiffness_n_per_m: rng.range(100.0, 2000.0) };
+    let script = Script::new(start, 1e-3, from_body(-DVec3::Z), from_body(DVec3::X), &moves(rng)).unwrap();
+    let mut odds = Odds::default();
+    for odds in
+        [&mut odds.no_number, &mut odds.frozen, &mut odds.jump, &mut odds.read_error, &mut odds.write_error]
+    {
+        *odds = if rng.unit() < 0.4 { rng.range(0.0, 0.03) } else { 0.0 };
+    }
+    let simulated = Simulated::new(capabilities, hand, Box::new(script));
+    let mut device = Faulty::new(simulated, odds, seed);
+    device.open().unwrap();
+    let mut closed = HapticLoop::new(Contact::new(body), map, stages);
+    let stop_at = rng.below(PERIODS as usize - 30) as u32;
+    let (late, mut now) = (rng.unit() < 0.3, 0.0);
+    // Periods since the stop in which the device was told something new.
+    let mut told = 0;
+    for k in 0..PERIODS {
+        if k == stop_at {
+            closed.stop();
+        }
+        if k == stop_at + 20 {
+            closed.resume();
+        }
+        now += if late && rng.unit() < 0.02 { rng.range(0.0, 0.3) } else { 1.0 / rate_hz };
+        let period = closed.period(body, &mut device, now);
+        tally.flags.add(period.flags);
+        tally.touching += u64::from(period.output.flags.in_contact);
+        assert!(!period.output.flags.invalid_pose, "the engine was given {:?}", period.pose);
+        if period.flags.has(StageFlags::STOPPED) {
+            told += u32::from(!period.flags.has(StageFlags::REPEATED));
+            let silent = period.command == Command::default();
+            assert!(told < 2 || silent, "{told} periods after the stop: {:?}", period.command);
+        }
+    }
+    // The end without reading: two commands, one more where the last was not taken for sure.
+    let repeats = u32::from(device.failed);
+    device.odds = Odds::default();
+    for _ in 0..repeats + 2 {
+        let _ = closed.fade(&mut device, now);
+    }
+    assert!(closed.is_silent() && device.taken.last() == Some(&Command::default()));
+    // Whichever failed writes reached the motors, each way from one command to the next is within the slew.
+    check(&device.taken, most, step, tally);
+}
+
+#[test]
+fn no_force_and_no_step_above_the_limits_whatever_goes_wrong() {
+    let mut tally = Tally::default();
+    for group in 0..RUNS / 20 {
+        let mut rng = Chance::new(group);
+        let bodies = bodies(&mut rng);
+        for i in 0..20 {
+            run(&bodies[i % bodies.len()], 20 * group + i as u64, &mut rng, &mut tally);
+        }
+    }
+    println!("{tally:?}");
+    for (name, flag) in StageFlags::NAMED {
+        println!("{name}: {}", tally.flags.of(flag));
+        assert!(tally.flags.of(flag) > 100, "{name} hardly ever happened");
+    }
+    assert!(tally.touching > 20_000, "{tally:?}");
+    assert!(tally.force > 0.999 && tally.step > 0.999, "nothing came near the limits: {tally:?}");
+}
