@@ -43,6 +43,32 @@ pub trait Device: Send {
     }
 }
 
+impl<D: Device + ?Sized> Device for Box<D> {
+    fn capabilities(&self) -> &Capabilities {
+        (**self).capabilities()
+    }
+
+    fn open(&mut self) -> Result<(), OpenError> {
+        (**self).open()
+    }
+
+    fn read(&mut self, now_s: f64) -> Result<Sample, Fault> {
+        (**self).read(now_s)
+    }
+
+    fn write(&mut self, command: &Command) -> Result<(), Fault> {
+        (**self).write(command)
+    }
+
+    fn close(&mut self) {
+        (**self).close();
+    }
+
+    fn explain(&self, fault: Fault) -> String {
+        (**self).explain(fault)
+    }
+}
+
 /// Position and orientation of the handle in the device's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {

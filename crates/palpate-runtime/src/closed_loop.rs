@@ -3,7 +3,7 @@
 use crate::map::Mapping;
 use crate::{StageCounts, StageFlags, Stages, WorkspaceMap};
 use glam::DVec3;
-use palpate_body::Body;
+use crate::ground::{Ground, ready};
 use palpate_device::{Command, Device, Fault, Sample};
 use palpate_engine::{Contact, Output, ToolPose};
 
@@ -79,6 +79,11 @@ impl HapticLoop {
         &self.contact
     }
 
+    /// The same, to take it over to another patch of its body.
+    pub(crate) fn contact_mut(&mut self) -> &mut Contact {
+        &mut self.contact
+    }
+
     /// The engine's port.
     pub fn port(&self) -> &Port {
         &self.port
@@ -121,8 +126,13 @@ impl HapticLoop {
     ///
     /// # Real-time
     /// As bounded as the device's `read` and `write`.
-    pub fn step(&mut self, body: &Body, device: &mut dyn Device, now_s: f64) -> Result<Period, Fault> {
-        let period = self.period(body, device, now_s);
+    pub fn step<G: Ground>(
+        &mut self,
+        ground: &G,
+        device: &mut dyn Device,
+        now_s: f64,
+    ) -> Result<Period, Fault> {
+        let period = self.period(ground, device, now_s);
         period.fault.map_or(Ok(period), Err)
     }
 
@@ -132,10 +142,10 @@ impl HapticLoop {
     ///
     /// # Real-time
     /// As bounded as the device's `read` and `write`.
-    pub fn period(&mut self, body: &Body, device: &mut dyn Device, now_s: f64) -> Period {
+    pub fn period<G: Ground>(&mut self, ground: &G, device: &mut dyn Device, now_s: f64) -> Period {
         let mut flags = StageFlags::default();
         let unread = self.read(device, now_s, &mut flags).err();
-        let output = self.render(body, &mut flags);
+        let output = self.render(ground, &mut flags);
         let command = self.command(now_s, &output, &mut flags);
         let unwritten = self.write(device, &command, &mut flags).err();
         self.counts.add(flags);
@@ -172,7 +182,7 @@ impl HapticLoop {
     }
 
     /// The engine's answer at the mapped pose, or at the virtual tool that follows it.
-    fn render(&mut self, body: &Body, flags: &mut StageFlags) -> Output {
+    fn render<G: Ground>(&mut self, ground: &G, flags: &mut StageFlags) -> Output {
         if !flags.has(StageFlags::STEPPED) {
             return Output { energy: *self.contact.energy(), ..Output::default() };
         }
@@ -181,16 +191,23 @@ impl HapticLoop {
         if let Some(coupling) = &mut self.stages.coupling {
             pose.position_m = coupling.tool(DVec3::from_array(pose.position_m)).to_array();
         }
-        let output = self.contact.step(body, &pose);
-        self.port.pass(DVec3::from_array(pose.position_m), DVec3::from_array(output.force_n));
         self.last.1 = pose;
+        if !ready(ground, &mut self.contact, &pose) {
+            flags.unset(StageFlags::STEPPED);
+            flags.set(StageFlags::WAITED, true);
+            return Output { energy: *self.contact.energy(), ..Output::default() };
+        }
+        let output = self.contact.step(ground.body(), &pose);
+        self.port.pass(DVec3::from_array(pose.position_m), DVec3::from_array(output.force_n));
         output
     }
 
     /// The coupling's force in the place of the body's, into the device's frame, and through the stages.
     fn command(&mut self, now: f64, output: &Output, flags: &mut StageFlags) -> Command {
         flags.set(StageFlags::STOPPED, self.stopped);
-        let silence = !flags.has(StageFlags::STEPPED) || flags.has(StageFlags::CLUTCHED) || self.stopped;
+        // A free tool that waits for its patch feels nothing anyway, and no force has to grow in afterwards.
+        let heard = flags.has(StageFlags::STEPPED) || flags.has(StageFlags::WAITED);
+        let silence = !heard || flags.has(StageFlags::CLUTCHED) || self.stopped;
         let [force, torque] = [output.force_n, output.torque_nm].map(DVec3::from_array);
         let force = match &mut self.stages.coupling {
             Some(coupling) if flags.has(StageFlags::STEPPED) => coupling.force(force),

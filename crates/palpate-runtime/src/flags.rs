@@ -29,9 +29,11 @@ impl StageFlags {
     pub const UNWRITTEN: Self = Self(1 << 10);
     /// The loop was stopped: no force but on the way to zero.
     pub const STOPPED: Self = Self(1 << 11);
+    /// The pose lay where the ground is not known: the engine waited for a patch.
+    pub const WAITED: Self = Self(1 << 12);
 
     /// All of them, in the order of their bits, with their names.
-    pub const NAMED: [(&'static str, Self); 12] = [
+    pub const NAMED: [(&'static str, Self); 13] = [
         ("stepped", Self::STEPPED),
         ("unread", Self::UNREAD),
         ("refused", Self::REFUSED),
@@ -44,11 +46,17 @@ impl StageFlags {
         ("repeated", Self::REPEATED),
         ("unwritten", Self::UNWRITTEN),
         ("stopped", Self::STOPPED),
+        ("waited", Self::WAITED),
     ];
 
     /// Adds `flag` if `happened`.
     pub(crate) fn set(&mut self, flag: Self, happened: bool) {
         self.0 |= if happened { flag.0 } else { 0 };
+    }
+
+    /// Takes `flag` back.
+    pub(crate) fn unset(&mut self, flag: Self) {
+        self.0 &= !flag.0;
     }
 
     /// Whether any of `flags` happened.

@@ -1,0 +1,189 @@
+//! The contact finder: keeps the patch under the tool in reach of the haptic thread (paper, section 5: "the other finding
+//! the active element").
+//!
+//! A [`Footing`] belongs to the haptic thread: it holds the patch that is stepped on, takes a new one where one lies ready,
+//! and says where the tool is. A [`Finder`] belongs to the other thread: it looks where the tool is and where it is going,
+//! and lays out the next patch. Both share a [`Link`], on which neither ever waits for the other.
+//!
+//! Boxes go round: the finder's hands → `fresh` → the footing → `used` → the finder's hands. The footing takes a new one only
+//! while `used` is empty, so that it never has to give back two, and never frees memory.
+
+use crate::atomic::{AtomicU64, Ordering};
+use crate::{Board, Mailbox};
+use glam::DVec3;
+use palpate_body::{Body, Patch};
+use palpate_engine::Contact;
+use std::sync::Arc;
+
+/// How many elements a patch has: some 2.5 mm around a contact point on a body of the size of a fist with five million.
+pub const PATCH_ELEMENTS: usize = 8192;
+
+/// A patch is renewed when the tool is this share of its radius from its middle.
+const WORN: f64 = 0.25;
+/// How far ahead of the tool the next patch is put, s: about what making one takes, and noticing.
+const AHEAD: f64 = 5e-3;
+
+/// A patch and which one it is.
+#[derive(Debug)]
+pub struct Parcel {
+    pub(crate) patch: Patch,
+    /// Counted from 1.
+    pub(crate) serial: u64,
+    pub(crate) asked: usize,
+}
+
+/// What the two share.
+#[derive(Debug, Default)]
+pub struct Link {
+    /// Time, the place that a patch should be around, and whether one is missed.
+    look: Board<5>,
+    fresh: Mailbox<Parcel>,
+    used: Mailbox<Parcel>,
+    beats: AtomicU64,
+}
+
+impl Link {
+    /// How often the finder has looked.
+    pub fn beats(&self) -> u64 {
+        self.beats.load(Ordering::Relaxed)
+    }
+}
+
+/// The haptic thread's end.
+#[derive(Debug)]
+pub struct Footing {
+    link: Arc<Link>,
+    parcel: Box<Parcel>,
+    /// Patches that came without the contact point's element.
+    refused: u64,
+}
+
+/// The finder's end.
+#[derive(Debug)]
+pub struct Finder {
+    link: Arc<Link>,
+    body: Arc<Body>,
+    elements: usize,
+    hands: Vec<Box<Parcel>>,
+    serial: u64,
+    /// Middle and radius of the newest patch.
+    newest: (DVec3, f64),
+    seen: Option<(f64, DVec3)>,
+    velocity: DVec3,
+}
+
+/// Both ends, with a first patch around `place_m` of `elements` elements.
+pub fn footing(body: Arc<Body>, place_m: [f64; 3], elements: usize) -> (Footing, Finder) {
+    let link = Arc::new(Link::default());
+    let parcel = |serial| {
+        let patch = Patch::new(&body, place_m, elements);
+        // Where it may not be locked it is used as it is; the thread that asks for real time says so once.
+        let _ = patch.lock_memory();
+        Box::new(Parcel { patch, serial, asked: elements })
+    };
+    let first = parcel(1);
+    let newest = (first.patch.centre_m().into(), first.patch.radius_m());
+    // One under way in each direction, one in the making.
+    let hands = if newest.1.is_finite() { (0..3).map(|_| parcel(0)).collect() } else { Vec::new() };
+    let footing = Footing { link: link.clone(), parcel: first, refused: 0 };
+    (footing, Finder { link, body, elements, hands, serial: 1, newest, seen: None, velocity: DVec3::ZERO })
+}
+
+impl Footing {
+    /// The patch that is stepped on.
+    pub fn patch(&self) -> &Patch {
+        &self.parcel.patch
+    }
+
+    /// Which one it is, counted from 1, and how many elements were asked for.
+    pub fn asked(&self) -> (u64, usize) {
+        (self.parcel.serial, self.parcel.asked)
+    }
+
+    /// How many patches were refused because they lacked the contact point's element.
+    pub fn refused(&self) -> u64 {
+        self.refused
+    }
+
+    /// What the two ends share.
+    pub fn link(&self) -> &Arc<Link> {
+        &self.link
+    }
+
+    /// Goes over to the newest patch, if one has come and holds the element that `contact` touches.
+    ///
+    /// # Real-time
+    /// Logarithmic in the patch's size; never waits or allocates.
+    pub fn renew(&mut self, contact: &mut Contact) {
+        if !self.link.used.is_empty() {
+            return;
+        }
+        let Some(mut next) = self.link.fresh.take() else { return };
+        let old = &self.parcel.patch;
+        if contact.renumber(|e| next.patch.local(old.global(e))) {
+            std::mem::swap(&mut self.parcel, &mut next);
+        } else {
+            self.refused += 1;
+        }
+        // The room was empty, and only this thread fills it.
+        if let Some(never) = self.link.used.post(next) {
+            std::mem::forget(never);
+        }
+    }
+
+    /// Says at `time_s` where the next patch should be: around the contact point, or a free tool at `tip_m`; and whether the
+    /// loop waits for it.
+    ///
+    /// # Real-time
+    /// A few atomic stores.
+    pub fn report(&self, time_s: f64, tip_m: [f64; 3], contact: &Contact, waits: bool) {
+        let place = contact.touching().map_or(tip_m, |at| self.parcel.patch.body().point(at).to_array());
+        let [x, y, z] = place.map(f64::to_bits);
+        self.link.look.write(&[time_s.to_bits(), x, y, z, u64::from(waits)]);
+    }
+}
+
+impl Finder {
+    /// One look: lays out a new patch if the newest one is worn. False if there was nothing to do.
+    pub fn look(&mut self) -> bool {
+        self.link.beats.fetch_add(1, Ordering::Relaxed);
+        self.hands.extend(self.link.used.take());
+        let Some(([time, x, y, z, waits], times)) = self.link.look.read() else { return false };
+        let place = DVec3::from_array([x, y, z].map(f64::from_bits));
+        if times == 0 || !place.is_finite() {
+            return false;
+        }
+        self.follow(f64::from_bits(time), place);
+        let (centre, radius) = self.newest;
+        let ahead = (self.velocity * AHEAD).clamp_length_max(WORN * radius);
+        let target = if ahead.is_finite() { place + ahead } else { place };
+        let worn = target.distance(centre) > WORN * radius || (waits != 0 && place.distance(centre) > 0.0);
+        if !worn || radius == f64::INFINITY {
+            return false;
+        }
+        let Some(mut parcel) = self.hands.pop() else { return false };
+        // So near to the tool that its element is sure to be in it.
+        parcel.patch.take(&self.body, if waits != 0 { place } else { target }.to_array(), self.elements);
+        let _ = parcel.patch.lock_memory();
+        self.serial += 1;
+        (parcel.serial, parcel.asked) = (self.serial, self.elements);
+        self.newest = (parcel.patch.centre_m().into(), parcel.patch.radius_m());
+        self.hands.extend(self.link.fresh.post(parcel));
+        true
+    }
+
+    /// The velocity of the place, smoothed over a few looks.
+    fn follow(&mut self, time: f64, place: DVec3) {
+        let Some((then, before)) = self.seen else {
+            self.seen = Some((time, place));
+            return;
+        };
+        let passed = time - then;
+        // Over less than this a device's resolution is all there is to see.
+        if passed >= 2e-3 {
+            let now = (place - before) / passed;
+            self.velocity = if now.is_finite() { self.velocity * 0.5 + now * 0.5 } else { DVec3::ZERO };
+            self.seen = Some((time, place));
+        }
+    }
+}

@@ -1,0 +1,51 @@
+//! What a loop steps on.
+
+use palpate_body::{Body, Patch};
+use palpate_engine::{Contact, ToolPose};
+
+/// A whole body, or the part of it that is at hand.
+pub trait Ground {
+    /// As the engine takes it.
+    fn body(&self) -> &Body;
+
+    /// Whether a tool of `radius_m` at `position_m` can touch nothing of the body but what is at hand.
+    fn knows(&self, position_m: [f64; 3], radius_m: f64) -> bool;
+}
+
+impl Ground for Body {
+    fn body(&self) -> &Body {
+        self
+    }
+
+    fn knows(&self, _: [f64; 3], _: f64) -> bool {
+        true
+    }
+}
+
+impl Ground for Patch {
+    fn body(&self) -> &Body {
+        Patch::body(self)
+    }
+
+    fn knows(&self, position_m: [f64; 3], radius_m: f64) -> bool {
+        Patch::knows(self, position_m, radius_m)
+    }
+}
+
+/// Whether `contact` can take a step to `pose` on this ground. A tool that touches can: at the ground's end its contact
+/// point waits. A free tool must be where the ground is known, and must have been there the step before: the way between
+/// is then known too. What came from elsewhere is forgotten, and inside the body feels nothing until it has left it.
+pub(crate) fn ready<G: Ground>(ground: &G, contact: &mut Contact, pose: &ToolPose) -> bool {
+    if contact.touching().is_some() {
+        return true;
+    }
+    let radius = ground.body().tool().radius_m;
+    // What is no number is the engine's to refuse.
+    if !ground.knows(pose.position_m, radius) && pose.position_m.iter().all(|x| x.is_finite()) {
+        return false;
+    }
+    if contact.last_tip_m().is_some_and(|from| !ground.knows(from, radius)) {
+        contact.forget();
+    }
+    true
+}

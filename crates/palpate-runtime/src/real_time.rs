@@ -1,0 +1,169 @@
+//! What the operating system gives a haptic thread: a clock to sleep by, a priority, a core, and memory that stays.
+
+use std::io;
+
+/// What a haptic thread asks for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RealTime {
+    /// Of SCHED_FIFO, 1 to 98; `None` asks for nothing.
+    pub priority: Option<u8>,
+    /// Whether it has the last of the machine's cores for its own, as far as that is this program's to say.
+    pub own_core: bool,
+    /// The last of the way to a deadline is waited for awake, s.
+    pub spin_s: f64,
+}
+
+impl Default for RealTime {
+    fn default() -> Self {
+        RealTime { priority: Some(80), own_core: true, spin_s: 60e-6 }
+    }
+}
+
+/// Bytes of stack that a period may use.
+const STACK: usize = 256 << 10;
+
+impl RealTime {
+    /// Makes the calling thread a real-time one. What the system refuses is told, with what to do about it, and is done
+    /// without.
+    pub(crate) fn enter(&self) -> Vec<String> {
+        touch_stack();
+        let mut notes = Vec::new();
+        let mut ask = |what: &str, granted: io::Result<()>, mend: &str| {
+            if let Err(error) = granted {
+                notes.push(format!("{what} was refused ({error}): {mend}"));
+            }
+        };
+        ask(
+            "memory that stays in RAM",
+            system::lock_memory(),
+            "raise the limit on locked memory (`ulimit -l unlimited`, or memlock in /etc/security/limits.d)",
+        );
+        if let Some(priority) = self.priority {
+            ask(
+                "real-time scheduling",
+                system::fifo(priority),
+                "let your user have it (rtprio in /etc/security/limits.d, or join the group realtime); the loop runs on \
+                 and may be late",
+            );
+        }
+        if self.own_core {
+            ask("a core of its own", system::last_core(), "the loop runs on whichever core is free");
+        }
+        notes
+    }
+}
+
+/// Writes to the stack that a period may use, so that its pages are there.
+#[inline(never)]
+fn touch_stack() {
+    let mut pages = [0u8; STACK];
+    for i in (0..STACK).step_by(1024) {
+        pages[i] = 1;
+    }
+    std::hint::black_box(&mut pages);
+}
+
+/// Nanoseconds of a clock that nobody sets.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Clock {
+    start: u64,
+}
+
+impl Clock {
+    pub fn start() -> Self {
+        Clock { start: system::now() }
+    }
+
+    /// Since the start.
+    pub fn now(&self) -> u64 {
+        system::now().saturating_sub(self.start)
+    }
+
+    /// Sleeps until `spin` before `due`, and is awake from then on. Never sleeps longer than the due time tells, whatever
+    /// anybody does to the machine's clock.
+    pub fn wait(&self, due: u64, spin: u64) {
+        if self.now() + spin < due {
+            system::sleep_until(self.start + due - spin);
+        }
+        while self.now() < due {
+            std::hint::spin_loop();
+        }
+    }
+}
+
+#[cfg(target_os = "linux")]
+mod system {
+    use rustix::thread::{ClockId, CpuSet, clock_nanosleep_absolute, sched_getaffinity, sched_setaffinity};
+    use rustix::time::{Timespec, clock_gettime};
+    use std::io;
+
+    pub fn now() -> u64 {
+        let t = clock_gettime(ClockId::Monotonic);
+        t.tv_sec as u64 * 1_000_000_000 + t.tv_nsec as u64
+    }
+
+    pub fn sleep_until(ns: u64) {
+        let request = Timespec { tv_sec: (ns / 1_000_000_000) as i64, tv_nsec: (ns % 1_000_000_000) as i64 };
+        // A signal wakes it early; then the rest is waited for awake or in the next call.
+        let _ = clock_nanosleep_absolute(ClockId::Monotonic, &request);
+    }
+
+    /// Locks what is in memory now, and each further page once it has been touched, but never fetches one for it: a body may
+    /// be larger than memory.
+    pub fn lock_memory() -> io::Result<()> {
+        use rustix::mm::{MlockAllFlags, mlockall};
+        Ok(mlockall(MlockAllFlags::CURRENT | MlockAllFlags::ONFAULT)?)
+    }
+
+    pub fn fifo(priority: u8) -> io::Result<()> {
+        let parameters = libc::sched_param { sched_priority: priority.clamp(1, 98).into() };
+        #[allow(unsafe_code, reason = "a thread's scheduling is the operating system's")]
+        // SAFETY: the pointer is to a live struct, and 0 means the calling thread.
+        let refused = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) } != 0;
+        if refused { Err(io::Error::last_os_error()) } else { Ok(()) }
+    }
+
+    /// The last core that the thread may run on, if there is another for everything else.
+    pub fn last_core() -> io::Result<()> {
+        let allowed = sched_getaffinity(None)?;
+        if allowed.count() < 2 {
+            return Ok(());
+        }
+        let last = (0..CpuSet::MAX_CPU).rev().find(|&cpu| allowed.is_set(cpu));
+        let mut own = CpuSet::new();
+        last.into_iter().for_each(|cpu| own.set(cpu));
+        Ok(sched_setaffinity(None, &own)?)
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+mod system {
+    use std::io;
+    use std::sync::OnceLock;
+    use std::time::{Duration, Instant};
+
+    pub fn now() -> u64 {
+        static START: OnceLock<Instant> = OnceLock::new();
+        START.get_or_init(Instant::now).elapsed().as_nanos() as u64
+    }
+
+    pub fn sleep_until(ns: u64) {
+        std::thread::sleep(Duration::from_nanos(ns.saturating_sub(now())));
+    }
+
+    fn missing() -> io::Result<()> {
+        Err(io::Error::new(io::ErrorKind::Unsupported, "built for Linux only"))
+    }
+
+    pub fn lock_memory() -> io::Result<()> {
+        missing()
+    }
+
+    pub fn fifo(_: u8) -> io::Result<()> {
+        missing()
+    }
+
+    pub fn last_core() -> io::Result<()> {
+        missing()
+    }
+}

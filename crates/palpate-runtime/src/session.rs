@@ -1,0 +1,372 @@
+//! A loop against the clock: the haptic thread and the contact finder's.
+//!
+//! ```text
+//! device ⇄ haptic thread ──board──→ contact finder
+//!             │    ↑                    │
+//!             │    └──── mailbox ───────┘  patches
+//!             └── ring ──→ scribe: statistics, recording
+//! ```
+//!
+//! The haptic thread touches the patch, the contact, the stages, the device and the ring; never the body, the disk, or
+//! anything that another thread might hold.
+
+use crate::finder::{Finder, Footing, footing};
+use crate::real_time::{Clock, RealTime};
+use crate::record::{Record, Recorder};
+use crate::watch::{Alarm, End, Patience, Watch};
+use crate::{HapticLoop, PageFaults, StageFlags, Timed};
+use palpate_body::Body;
+use palpate_device::{Command, Device, OpenError, Pace};
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+/// How a loop is run.
+#[derive(Debug, Clone, Copy)]
+pub struct Settings {
+    /// Periods a second.
+    pub rate_hz: f64,
+    /// How long, s; `None` until somebody asks it to end.
+    pub seconds: Option<f64>,
+    /// Elements of a patch.
+    pub patch_elements: usize,
+    /// What the haptic thread asks of the system.
+    pub real_time: RealTime,
+    /// When the watchdogs bark.
+    pub patience: Patience,
+    /// Between two looks of the contact finder while there is nothing to do, s.
+    pub finder_pause_s: f64,
+}
+
+impl Settings {
+    /// The usual ones, for this many periods a second.
+    pub fn new(rate_hz: f64) -> Self {
+        Settings {
+            rate_hz,
+            seconds: None,
+            patch_elements: crate::PATCH_ELEMENTS,
+            real_time: RealTime::default(),
+            patience: Patience::default(),
+            finder_pause_s: 300e-6,
+        }
+    }
+}
+
+/// Why a loop could not be started.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// The device.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// The system gives no thread.
+    #[error("no thread could be started: {0}")]
+    Thread(#[from] std::io::Error),
+}
+
+/// What became of it.
+#[derive(Debug)]
+pub struct Report {
+    /// Why it ended.
+    pub end: End,
+    /// What the system refused, and what to do about it.
+    pub notes: Vec<String>,
+    /// Periods that were run.
+    pub periods: u64,
+    /// Patches that came without the contact point's element.
+    pub refused_patches: u64,
+    /// Of the haptic thread, from its second period on.
+    pub page_faults: PageFaults,
+    /// The loop as it was left; `None` after a panic.
+    pub haptics: Option<HapticLoop>,
+}
+
+/// What the threads and the caller share.
+#[derive(Debug, Default)]
+struct Shared {
+    asked: AtomicBool,
+    by: OnceLock<&'static str>,
+    finder_gone: AtomicBool,
+    over: AtomicBool,
+}
+
+/// A loop that is running. Dropped, it is stopped and waited for.
+#[derive(Debug)]
+pub struct Session {
+    shared: Arc<Shared>,
+    threads: Option<(JoinHandle<Report>, JoinHandle<()>)>,
+}
+
+/// Ends a session from elsewhere, such as a signal's handler.
+#[derive(Debug, Clone)]
+pub struct Stopper(Arc<Shared>);
+
+impl Stopper {
+    /// Asks for the end: zero force within two periods, and a closed device. The first reason counts.
+    pub fn stop(&self, by: &'static str) {
+        let _ = self.0.by.set(by);
+        self.0.asked.store(true, Ordering::Release);
+    }
+}
+
+impl Session {
+    /// Opens the device, lays out the first patch around it, and starts both threads.
+    ///
+    /// # Errors
+    /// The device can't be opened, or the system gives no thread. The device is closed then.
+    pub fn start(
+        body: Arc<Body>,
+        mut device: Box<dyn Device>,
+        haptics: HapticLoop,
+        recorder: Recorder,
+        settings: Settings,
+    ) -> Result<Session, StartError> {
+        device.open()?;
+        // Where it is tells where the first patch should be; a device that doesn't know yet may be anywhere.
+        let place = device.read(0.0).map_or([0.0; 3], |s| haptics.map().body_from_device(&s.pose).position_m);
+        let place = if place.iter().all(|x| x.is_finite()) { place } else { [0.0; 3] };
+        let (footing, finder) = footing(body, place, settings.patch_elements);
+        let shared = Arc::new(Shared::default());
+        let finding = thread::Builder::new().name("palpate-finder".into()).spawn({
+            let shared = shared.clone();
+            move || find(finder, &shared, Duration::from_secs_f64(settings.finder_pause_s))
+        })?;
+        let rendering = thread::Builder::new().name("palpate-haptic".into()).spawn({
+            let shared = shared.clone();
+            move || Haptic { shared, haptics, footing, recorder, settings }.run(device)
+        });
+        let rendering = rendering.inspect_err(|_| shared.over.store(true, Ordering::Release))?;
+        Ok(Session { shared, threads: Some((rendering, finding)) })
+    }
+
+    /// Something to stop it with.
+    pub fn stopper(&self) -> Stopper {
+        Stopper(self.shared.clone())
+    }
+
+    /// Whether it has ended by itself.
+    pub fn is_over(&self) -> bool {
+        self.threads.as_ref().is_none_or(|(haptic, _)| haptic.is_finished())
+    }
+
+    /// Waits for the end.
+    pub fn join(mut self) -> Report {
+        self.wait().unwrap_or_else(|| unreachable!("a session is waited for once"))
+    }
+
+    fn wait(&mut self) -> Option<Report> {
+        let (haptic, finder) = self.threads.take()?;
+        let report = haptic.join().unwrap_or_else(|panic| Report::panicked(words(&*panic)));
+        self.shared.over.store(true, Ordering::Release);
+        // A finder that panicked has been told as the end of the loop.
+        let _ = finder.join();
+        Some(report)
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        self.stopper().stop("the session was dropped");
+        self.wait();
+    }
+}
+
+impl Report {
+    fn panicked(words: String) -> Self {
+        Report {
+            end: End::Panic(words),
+            notes: Vec::new(),
+            periods: 0,
+            refused_patches: 0,
+            page_faults: PageFaults::default(),
+            haptics: None,
+        }
+    }
+}
+
+/// A panic's own words.
+fn words(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|s| (*s).to_string());
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "without a word".into())
+}
+
+/// The contact finder's thread.
+fn find(mut finder: Finder, shared: &Shared, pause: Duration) {
+    /// However it ends.
+    struct Gone<'a>(&'a AtomicBool);
+    impl Drop for Gone<'_> {
+        fn drop(&mut self) {
+            self.0.store(true, Ordering::Release);
+        }
+    }
+    let _gone = Gone(&shared.finder_gone);
+    while !shared.over.load(Ordering::Acquire) {
+        if !finder.look() {
+            thread::sleep(pause);
+        }
+    }
+}
+
+/// The haptic thread.
+struct Haptic {
+    shared: Arc<Shared>,
+    haptics: HapticLoop,
+    footing: Footing,
+    recorder: Recorder,
+    settings: Settings,
+}
+
+/// How the periods ended, as plain data.
+enum Stop {
+    Done,
+    Asked,
+    FinderDead,
+    Alarm(Alarm),
+}
+
+impl Haptic {
+    fn run(mut self, device: Box<dyn Device>) -> Report {
+        let notes = self.settings.real_time.enter();
+        let clock = Clock::start();
+        let mut device = Timed::new(device, move || clock.now());
+        let mut tally = Tally::default();
+        let ended = catch_unwind(AssertUnwindSafe(|| self.periods(&mut device, clock, &mut tally)));
+        let faults = PageFaults::of_this_thread().unwrap_or_default().since(tally.faults.unwrap_or_default());
+        if ended.is_err() {
+            // Nothing that panicked is asked again: straight to zero.
+            let _ = catch_unwind(AssertUnwindSafe(|| device.write(&Command::default())));
+        } else {
+            self.fade(&mut device, clock);
+        }
+        let _ = catch_unwind(AssertUnwindSafe(|| device.close()));
+        self.shared.over.store(true, Ordering::Release);
+        let well = ended.is_ok();
+        let end = match ended {
+            Ok(Stop::Done) => End::Done,
+            Ok(Stop::Asked) => End::Asked(self.shared.by.get().copied().unwrap_or("it was stopped")),
+            Ok(Stop::FinderDead) => End::FinderDead,
+            Ok(Stop::Alarm(Alarm::Fault(fault))) => End::Device(device.explain(fault)),
+            Ok(Stop::Alarm(Alarm::Stale(s))) => End::Stale(s),
+            Ok(Stop::Alarm(Alarm::Late(s))) => End::Late(s),
+            Ok(Stop::Alarm(Alarm::FinderSilent(s))) => End::FinderSilent(s),
+            Err(panic) => End::Panic(words(&*panic)),
+        };
+        Report {
+            end,
+            notes,
+            periods: tally.periods,
+            refused_patches: self.footing.refused(),
+            page_faults: faults,
+            haptics: well.then_some(self.haptics),
+        }
+    }
+
+    /// Period after period, until something ends it.
+    fn periods<C: Fn() -> u64 + Send>(
+        &mut self,
+        device: &mut Timed<Box<dyn Device>, C>,
+        clock: Clock,
+        tally: &mut Tally,
+    ) -> Stop {
+        let Settings { rate_hz, seconds, real_time, patience, .. } = self.settings;
+        let (paced, spin) = (device.capabilities().pace == Pace::Device, ns(real_time.spin_s));
+        let last = seconds.map_or(u64::MAX, |s| (s * rate_hz).round() as u64);
+        let mut watch = Watch::new(patience);
+        while tally.number <= last {
+            let due = due(tally.number, rate_hz);
+            if !paced {
+                clock.wait(due, spin);
+            }
+            let began = clock.now();
+            let now = began as f64 * 1e-9;
+            let late = if paced { 0 } else { began as i64 - due as i64 };
+            if self.shared.asked.load(Ordering::Acquire) {
+                return Stop::Asked;
+            }
+            if self.shared.finder_gone.load(Ordering::Acquire) {
+                return Stop::FinderDead;
+            }
+            if let Some(alarm) = watch.begin(now, late as f64 * 1e-9, self.footing.link().beats()) {
+                return Stop::Alarm(alarm);
+            }
+            let time = if paced { now } else { due as f64 * 1e-9 };
+            self.footing.renew(self.haptics.contact_mut());
+            let period = self.haptics.period(self.footing.patch(), device, time);
+            let waits = period.flags.has(StageFlags::WAITED) || period.output.flags.fenced;
+            tally.waits += u64::from(waits);
+            self.footing.report(time, period.pose.position_m, self.haptics.contact(), waits);
+            let mut record = Record::new(tally.number, &self.haptics, &period);
+            record.started_ns = began;
+            record.lateness_ns = late;
+            record.period_ns = if tally.periods > 0 { began - tally.began } else { 0 };
+            tally.fill(&mut record, &self.footing);
+            record.read_ns = device.read_ns as u32;
+            record.write_ns = device.write_ns as u32;
+            record.step_ns = (clock.now() - began).saturating_sub(device.read_ns + device.write_ns) as u32;
+            self.recorder.push(&record);
+            tally.began = began;
+            tally.periods += 1;
+            if let Some(alarm) = watch.end(now, period.sample.sequence, period.fault) {
+                return Stop::Alarm(alarm);
+            }
+            // Periods that were slept over are not made up for.
+            let passed = (clock.now() as f64 * 1e-9 * rate_hz) as u64;
+            tally.number = (tally.number + 1).max(if paced { 0 } else { passed });
+        }
+        Stop::Done
+    }
+
+    /// Brings the force to zero, in at most two periods, and one more for a device that did not take the first.
+    fn fade<C: Fn() -> u64 + Send>(&mut self, device: &mut Timed<Box<dyn Device>, C>, clock: Clock) {
+        for _ in 0..3 {
+            // A device that is gone fails here too, and there is nothing more to do for it.
+            let _ = self.haptics.fade(device, clock.now() as f64 * 1e-9);
+            if self.haptics.is_silent() {
+                break;
+            }
+            thread::sleep(Duration::from_secs_f64(1.0 / self.settings.rate_hz));
+        }
+    }
+}
+
+/// What is counted from period to period.
+#[derive(Debug, Default)]
+struct Tally {
+    /// Of the period to come.
+    number: u64,
+    periods: u64,
+    waits: u64,
+    began: u64,
+    faults: Option<PageFaults>,
+}
+
+impl Tally {
+    /// What concerns the patch and the page faults.
+    fn fill(&mut self, record: &mut Record, footing: &Footing) {
+        let patch = footing.patch();
+        if record.element != Record::NONE {
+            record.element = patch.global(record.element);
+        }
+        let (serial, count) = footing.asked();
+        record.patch_centre_m = patch.centre_m();
+        record.patch_serial = serial;
+        record.patch_count = count as u32;
+        record.patch_waits = self.waits;
+        let faults = PageFaults::of_this_thread().unwrap_or_default();
+        // What the first period touched for the first time is behind it.
+        let since = faults.since(*self.faults.get_or_insert(faults));
+        record.minor_faults = since.minor as u32;
+        record.major_faults = since.major as u32;
+    }
+}
+
+fn ns(seconds: f64) -> u64 {
+    (seconds * 1e9) as u64
+}
+
+/// When period `number` is due, ns after the start.
+fn due(number: u64, rate_hz: f64) -> u64 {
+    (number as f64 / rate_hz * 1e9).round() as u64
+}
