@@ -3,36 +3,42 @@
 use glam::DVec3;
 use palpate_device::Pose;
 
+/// No handle is farther from its device's origin, m: what the very first pose is held to.
+const REACH: f64 = 10.0;
+
 /// Refuses poses that hold no number, and those that lie farther from the last one that was believed than the handle
 /// could have come since. A jump that stays is believed once it could have been a motion: 10 cm at 10 m/s after 10 ms.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseGuard {
     speed_max: f64,
+    reach: f64,
     last: Option<(f64, DVec3)>,
 }
 
 impl Default for PoseGuard {
     /// Refuses only what is no number.
     fn default() -> Self {
-        PoseGuard::new(f64::INFINITY)
+        PoseGuard { speed_max: f64::INFINITY, reach: f64::INFINITY, last: None }
     }
 }
 
 impl PoseGuard {
-    /// For a handle that is never faster than this, m/s.
+    /// For a handle that is never faster than this, m/s, nor farther than 10 m from the device's origin.
     pub fn new(speed_max_m_per_s: f64) -> Self {
-        PoseGuard { speed_max: speed_max_m_per_s, last: None }
+        PoseGuard { speed_max: speed_max_m_per_s, reach: REACH, last: None }
     }
 
     /// Whether `pose` at `now_s` is believed.
     pub(crate) fn accept(&mut self, pose: &Pose, now_s: f64) -> bool {
         let position = DVec3::from_array(pose.position_m);
         let finite = position.is_finite() && pose.orientation.iter().all(|q| q.is_finite());
-        // Compared so that what is no number is not near.
-        let near = self.last.is_none_or(|(then, from)| {
-            self.speed_max == f64::INFINITY || position.distance(from) <= self.speed_max * (now_s - then)
-        });
-        let believed = finite && near;
+        let near = match self.last {
+            Some((then, from)) if self.speed_max < f64::INFINITY => {
+                position.distance(from) <= self.speed_max * (now_s - then)
+            }
+            _ => true,
+        };
+        let believed = finite && near && position.abs().max_element() <= self.reach;
         if believed {
             self.last = Some((now_s, position));
         }
@@ -56,7 +62,9 @@ mod tests {
     #[test]
     fn jumps_and_what_is_no_number_are_refused() {
         let mut guard = PoseGuard::new(10.0);
-        assert!(!guard.accept(&at(f64::NAN), 0.0) && guard.position().is_none());
+        for wrong in [f64::NAN, -f64::MAX, 11.0] {
+            assert!(!guard.accept(&at(wrong), 0.0) && guard.position().is_none());
+        }
         assert!(guard.accept(&at(5.0), 1e-3));
         assert!(guard.accept(&at(5.0099), 2e-3) && !guard.accept(&at(5.03), 3e-3));
         assert!(!guard.accept(&at(f64::INFINITY), 4e-3) && !guard.accept(&at(f64::MAX), 4e-3));

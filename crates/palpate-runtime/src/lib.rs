@@ -45,10 +45,14 @@ mod flags;
 mod guard;
 mod limit;
 mod map;
+mod page_faults;
 mod passivity;
+mod record;
 mod safety;
 mod soft_start;
 mod stages;
+mod statistics;
+mod timed;
 
 pub use closed_loop::{HapticLoop, Period, Port};
 pub use coupling::Coupling;
@@ -58,7 +62,14 @@ pub use flags::{StageCounts, StageFlags};
 pub use guard::PoseGuard;
 pub use limit::Limit;
 pub use map::WorkspaceMap;
+pub use page_faults::PageFaults;
 pub use passivity::PassivityController;
+pub use record::{
+    BodyFile, CreateError, Ending, Field, Finished, Header, Map, OpenRecordingError, Record, Recorder,
+    Recording, RecordingFile, Records, Scribe, ring,
+};
 pub use safety::{Safety, SafetyError};
 pub use soft_start::SoftStart;
 pub use stages::Stages;
+pub use statistics::{Percentiles, Statistics, Summary};
+pub use timed::Timed;

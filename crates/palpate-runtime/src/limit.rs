@@ -80,7 +80,7 @@ fn toward(a: DVec3, b: DVec3, most: f64, within: f64) -> DVec3 {
     let way = b - a;
     // Scaled first: the square of a huge way would overflow.
     let scale = way.abs().max_element();
-    if scale == 0.0 || scale * (way / scale).length() <= most {
+    if most == f64::INFINITY || scale == 0.0 || scale * (way / scale).length() <= most {
         return b;
     }
     let unit = (way / scale).normalize();
@@ -98,7 +98,7 @@ mod tests {
     #[test]
     fn without_limits_everything_passes_to_the_bit() {
         let mut limit = Limit::default();
-        for f in [DVec3::new(0.1, -0.2, 1e9), DVec3::ZERO, DVec3::splat(1e-300)] {
+        for f in [DVec3::new(0.1, -0.2, 1e9), DVec3::MAX, DVec3::MIN, DVec3::ZERO, DVec3::splat(1e-300)] {
             assert_eq!(pass(&mut limit, f), f);
         }
     }

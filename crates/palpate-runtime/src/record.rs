@@ -1,0 +1,384 @@
+//! What the loop saw and did in one period, as plain data of fixed size, and the file that keeps it.
+//!
+//! The haptic thread fills a [`Record`] each period and pushes it into a ring ([`Recorder`]); a thread of its own, the
+//! [`Scribe`], takes it out, counts it in the [`Statistics`](crate::Statistics), and writes it if there is a file.
+//! [`Recording`] reads the file, as far as it is whole. The format is in `docs/recording.md`.
+
+mod file;
+mod reading;
+mod recorder;
+
+pub use file::{BodyFile, CreateError, Header, Map, RecordingFile};
+pub use reading::{Ending, OpenRecordingError, Recording};
+pub use recorder::{Finished, Recorder, Records, Scribe, ring};
+
+use crate::{HapticLoop, Period, StageFlags};
+use bytemuck::{Pod, Zeroable};
+use palpate_device::{Fault, Pose, Sample, Status};
+use palpate_engine::{Flags, ToolPose};
+use serde::{Deserialize, Serialize};
+
+/// Where a field of a record lies: a recording's header has them all, so that its records can be read by what they say.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Field {
+    /// Its name, with its unit at the end.
+    pub name: String,
+    /// `f64`, `u64`, `i64` or `u32`, little endian.
+    pub kind: String,
+    /// How many of them.
+    pub count: u32,
+    /// Bytes from the record's beginning.
+    pub offset: u32,
+    /// What it is.
+    pub about: String,
+}
+
+/// What a field may hold.
+trait Kind {
+    const NAME: &str;
+    const COUNT: u32 = 1;
+}
+
+impl Kind for f64 {
+    const NAME: &str = "f64";
+}
+impl Kind for u64 {
+    const NAME: &str = "u64";
+}
+impl Kind for i64 {
+    const NAME: &str = "i64";
+}
+impl Kind for u32 {
+    const NAME: &str = "u32";
+}
+impl<T: Kind, const N: usize> Kind for [T; N] {
+    const NAME: &str = T::NAME;
+    const COUNT: u32 = N as u32;
+}
+
+/// The struct and the table of its fields, from one list.
+macro_rules! record {
+    ($($(#[doc = $about:literal])+ $name:ident: $kind:ty,)+) => {
+        /// One period, 576 bytes without a hole. Names end in their units; vectors are in the device's frame where their
+        /// name begins with `device` or `command`, in the body's else.
+        #[repr(C)]
+        #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+        pub struct Record {
+            $($(#[doc = $about])+ pub $name: $kind,)+
+        }
+
+        impl Record {
+            /// Name, kind, place and meaning of each field.
+            pub fn fields() -> Vec<Field> {
+                vec![$(Field {
+                    name: stringify!($name).into(),
+                    kind: <$kind as Kind>::NAME.into(),
+                    count: <$kind as Kind>::COUNT,
+                    offset: std::mem::offset_of!(Record, $name) as u32,
+                    about: concat!($($about),+).trim().into(),
+                }),+]
+            }
+        }
+    };
+}
+
+record! {
+    /// 1 for a period; a file also holds blocks of another kind.
+    kind: u32,
+    /// What the stages did: the bits of `StageFlags`.
+    stage_flags: u32,
+    /// Counts periods from 0: a gap is a record that was dropped.
+    number: u64,
+    /// The time that the loop was told, s.
+    time_s: f64,
+    /// When the period really began, ns since the start.
+    started_ns: u64,
+    /// How long after its due time, ns.
+    lateness_ns: i64,
+    /// Since the period before began, ns; 0 in the first.
+    period_ns: u64,
+    /// What stepping and the stages took, without the device, ns.
+    step_ns: u32,
+    /// What the device's read took, ns.
+    read_ns: u32,
+    /// What the device's write took, ns.
+    write_ns: u32,
+    /// What the device reported: 0 nothing, else 1 + the position of the fault in the order of `Fault`.
+    fault: u32,
+    /// The number that the device's fault has.
+    fault_code: i64,
+    /// The sample's number.
+    device_sequence: u64,
+    /// The handle.
+    device_position_m: [f64; 3],
+    /// Its orientation, w x y z.
+    device_orientation: [f64; 4],
+    /// Its velocity, if bit 3 of `device_status` says that the device reports one.
+    device_velocity_m_per_s: [f64; 3],
+    /// Bit i is button i.
+    device_buttons: u32,
+    /// 1 idle, 2 saturated, 4 warm, 8 a velocity is reported.
+    device_status: u32,
+    /// The pose that the engine was given, in this period if bit 0 of `stage_flags` says so.
+    tool_position_m: [f64; 3],
+    /// Its orientation, w x y z.
+    tool_orientation: [f64; 4],
+    /// The engine's force on the tool.
+    force_n: [f64; 3],
+    /// The engine's torque on the tool.
+    torque_nm: [f64; 3],
+    /// Area coordinates of the contact point.
+    contact_n: [f64; 3],
+    /// The contact point at rest.
+    contact_position_m: [f64; 3],
+    /// Normal deflection.
+    delta_z_m: f64,
+    /// Lateral deflection.
+    delta_r_m: f64,
+    /// Element of the contact point, numbered in the whole body; 4294967295 for no contact.
+    element: u32,
+    /// What happened in the engine: bits in the order of `Flags`.
+    engine_flags: u32,
+    /// Work of the tool on the body so far.
+    work_j: f64,
+    /// Energy stored now.
+    stored_j: f64,
+    /// Energy dissipated so far.
+    dissipated_j: f64,
+    /// The part of it where slip generated energy, as a positive sum.
+    generated_j: f64,
+    /// Given out at the engine's port so far.
+    out_j: f64,
+    /// Sum of the squares of the tool's ways so far.
+    squares_m2: f64,
+    /// What the passivity controller has observed so far; 0 without one.
+    observed_j: f64,
+    /// What the device was told.
+    command_force_n: [f64; 3],
+    /// What the device was told.
+    command_torque_nm: [f64; 3],
+    /// Where the patch that was stepped on was asked for.
+    patch_centre_m: [f64; 3],
+    /// Which patch it was; 0 for the whole body.
+    patch_serial: u64,
+    /// How many elements it had.
+    patch_count: u32,
+    /// The element that it grew from; 4294967295 for none.
+    patch_element: u32,
+    /// Periods so far in which the loop waited for a patch.
+    patch_waits: u64,
+    /// Page faults of the haptic thread so far, without the disk.
+    minor_faults: u32,
+    /// Page faults of the haptic thread so far, with the disk.
+    major_faults: u32,
+    /// For later; 0.
+    spare: [u64; 8],
+    /// For later; 0.
+    spare_word: u32,
+    /// CRC-32 (IEEE 802.3) of all bytes before; filled in when it is written.
+    crc: u32,
+}
+
+impl Record {
+    /// [`kind`](Self::kind) of a period.
+    pub const PERIOD: u32 = 1;
+    /// [`kind`](Self::kind) of the block that ends a file.
+    pub const END: u32 = 2;
+    /// Its size in memory and in the file, bytes.
+    pub const BYTES: usize = size_of::<Record>();
+    /// No element.
+    pub const NONE: u32 = u32::MAX;
+
+    /// Period `number` of a loop on a whole body. What concerns clocks, patches and page faults is 0 and the caller's to
+    /// fill in; so is [`element`](Self::element) where the body was a patch with numbers of its own.
+    ///
+    /// # Real-time
+    /// Bounded; allocates nothing.
+    pub fn new(number: u64, haptics: &HapticLoop, period: &Period) -> Self {
+        let Period { time_s, sample, pose, output, command, flags, fault } = period;
+        let contact = output.contact;
+        let (fault, fault_code) = fault_to(*fault);
+        let status = sample.status;
+        let reported = sample.velocity_m_per_s;
+        Record {
+            kind: Self::PERIOD,
+            stage_flags: flags.bits(),
+            number,
+            time_s: *time_s,
+            fault,
+            fault_code,
+            device_sequence: sample.sequence,
+            device_position_m: sample.pose.position_m,
+            device_orientation: sample.pose.orientation,
+            device_velocity_m_per_s: reported.unwrap_or_default(),
+            device_buttons: sample.buttons,
+            device_status: bits([status.idle, status.saturated, status.warm, reported.is_some()]),
+            tool_position_m: pose.position_m,
+            tool_orientation: pose.orientation,
+            force_n: output.force_n,
+            torque_nm: output.torque_nm,
+            contact_n: contact.map_or([0.0; 3], |c| c.n),
+            contact_position_m: contact.map_or([0.0; 3], |c| c.position_m),
+            delta_z_m: contact.map_or(0.0, |c| c.delta_z_m),
+            delta_r_m: contact.map_or(0.0, |c| c.delta_r_m),
+            element: contact.map_or(Self::NONE, |c| c.element),
+            engine_flags: bits(engine_flags(&output.flags)),
+            work_j: output.energy.work_j,
+            stored_j: output.energy.stored_j,
+            dissipated_j: output.energy.dissipated_j,
+            generated_j: output.energy.generated_j,
+            out_j: haptics.port().out_j,
+            squares_m2: haptics.port().squares_m2,
+            observed_j: haptics.stages().passivity.map_or(0.0, |p| p.observed_j()),
+            command_force_n: command.force_n,
+            command_torque_nm: command.torque_nm,
+            patch_element: Self::NONE,
+            ..Self::zeroed()
+        }
+    }
+
+    /// What the stages did.
+    pub fn stages(&self) -> StageFlags {
+        StageFlags::from_bits(self.stage_flags)
+    }
+
+    /// What happened in the engine.
+    pub fn engine(&self) -> Flags {
+        let [
+            in_contact,
+            slipping,
+            onset,
+            released,
+            reanchored,
+            border,
+            blocked,
+            capped,
+            invalid_pose,
+            contained,
+            started_inside,
+        ] = unbits(self.engine_flags);
+        Flags {
+            in_contact,
+            slipping,
+            onset,
+            released,
+            reanchored,
+            border,
+            blocked,
+            capped,
+            invalid_pose,
+            contained,
+            started_inside,
+        }
+    }
+
+    /// What the device said.
+    pub fn sample(&self) -> Sample {
+        let [idle, saturated, warm, reported] = unbits(self.device_status);
+        Sample {
+            sequence: self.device_sequence,
+            pose: Pose { position_m: self.device_position_m, orientation: self.device_orientation },
+            velocity_m_per_s: reported.then_some(self.device_velocity_m_per_s),
+            buttons: self.device_buttons,
+            status: Status { idle, saturated, warm },
+        }
+    }
+
+    /// The pose that the engine was given, if it was given one in this period.
+    pub fn tool(&self) -> Option<ToolPose> {
+        let pose = ToolPose { position_m: self.tool_position_m, orientation: self.tool_orientation };
+        self.stages().has(StageFlags::STEPPED).then_some(pose)
+    }
+
+    /// What the device reported as wrong.
+    pub fn fault(&self) -> Option<Fault> {
+        Some(match self.fault {
+            1 => Fault::NotOpen,
+            2 => Fault::Disconnected,
+            3 => Fault::TimedOut,
+            4 => Fault::Garbled,
+            5 => Fault::Code(self.fault_code),
+            _ => return None,
+        })
+    }
+}
+
+fn fault_to(fault: Option<Fault>) -> (u32, i64) {
+    match fault {
+        None => (0, 0),
+        Some(Fault::NotOpen) => (1, 0),
+        Some(Fault::Disconnected) => (2, 0),
+        Some(Fault::TimedOut) => (3, 0),
+        Some(Fault::Garbled) => (4, 0),
+        Some(Fault::Code(code)) => (5, code),
+    }
+}
+
+fn engine_flags(flags: &Flags) -> [bool; 11] {
+    // Taken apart by name, so that a new flag is not forgotten.
+    let Flags {
+        in_contact,
+        slipping,
+        onset,
+        released,
+        reanchored,
+        border,
+        blocked,
+        capped,
+        invalid_pose,
+        contained,
+        started_inside,
+    } = *flags;
+    [
+        in_contact,
+        slipping,
+        onset,
+        released,
+        reanchored,
+        border,
+        blocked,
+        capped,
+        invalid_pose,
+        contained,
+        started_inside,
+    ]
+}
+
+fn bits<const N: usize>(flags: [bool; N]) -> u32 {
+    flags.into_iter().rev().fold(0, |bits, flag| bits << 1 | u32::from(flag))
+}
+
+fn unbits<const N: usize>(bits: u32) -> [bool; N] {
+    std::array::from_fn(|i| bits >> i & 1 != 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_fields_fill_the_record_without_a_hole() {
+        let size = |field: &Field| field.count * if field.kind == "u32" { 4 } else { 8 };
+        let mut offset = 0;
+        for field in Record::fields() {
+            assert_eq!(field.offset, offset, "{field:?}");
+            assert!(!field.about.is_empty());
+            offset += size(&field);
+        }
+        assert_eq!((offset as usize, Record::BYTES), (576, 576));
+    }
+
+    #[test]
+    fn flags_and_faults_come_back() {
+        for i in 0..11 {
+            let record = Record { engine_flags: 1 << i, ..Record::zeroed() };
+            assert_eq!(bits(engine_flags(&record.engine())), 1 << i);
+        }
+        let faults =
+            [Fault::NotOpen, Fault::Disconnected, Fault::TimedOut, Fault::Garbled, Fault::Code(i64::MIN)];
+        for expected in faults.map(Some).into_iter().chain([None]) {
+            let (fault, fault_code) = fault_to(expected);
+            assert_eq!(Record { fault, fault_code, ..Record::zeroed() }.fault(), expected);
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! Reading a recording, as far as it is whole.
+
+use super::file::{self, Envelope, HEADER_MAX, MAGIC, REASON, VERSION};
+use super::{Field, Header, Record};
+use bytemuck::{Zeroable, bytes_of, bytes_of_mut};
+use std::fs::File;
+use std::io::{self, BufReader, Read};
+use std::path::{Path, PathBuf};
+
+/// A recording: its header, and its records by iterating. After the last one [`ending`](Self::ending) tells how it ended.
+#[derive(Debug)]
+pub struct Recording<R = BufReader<File>> {
+    header: Header,
+    source: R,
+    read: u64,
+    ending: Option<Ending>,
+}
+
+/// How a recording ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Ending {
+    /// By its writer.
+    Clean {
+        /// Why.
+        reason: String,
+        /// Periods that were not recorded because the ring was full.
+        dropped: u64,
+    },
+    /// The file ends without saying so: the program was killed, or the disk was full.
+    Cut {
+        /// Bytes of a record that was begun.
+        left_over: u64,
+    },
+    /// A record's bytes are not those that were written.
+    Damaged {
+        /// Which, counted from 0.
+        record: u64,
+    },
+    /// The file can't be read any further.
+    Unreadable(String),
+}
+
+/// Why a file can't be read as a recording.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenRecordingError {
+    /// The system says no.
+    #[error("{0}: can't be read ({1}); check the path and its permissions")]
+    System(PathBuf, #[source] io::Error),
+    /// It is something else, or damaged in its header.
+    #[error("{path}: {problem}; {mend}")]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+        /// What to do.
+        mend: &'static str,
+    },
+}
+
+impl Recording {
+    /// Opens the file at `path`.
+    ///
+    /// # Errors
+    /// It can't be read, is no recording, or its header is damaged or of another version.
+    pub fn open(path: &Path) -> Result<Self, OpenRecordingError> {
+        let system = |error| OpenRecordingError::System(path.into(), error);
+        let file = File::open(path).map_err(system)?;
+        if file.metadata().map_err(system)?.is_dir() {
+            return Err(system(io::ErrorKind::IsADirectory.into()));
+        }
+        Recording::read(BufReader::with_capacity(1 << 18, file), path)
+    }
+}
+
+impl<R: Read> Recording<R> {
+    /// Reads a recording from `source`, which errors call `path`.
+    ///
+    /// # Errors
+    /// As [`Recording::open`].
+    pub fn read(mut source: R, path: &Path) -> Result<Self, OpenRecordingError> {
+        let header = header(&mut source).map_err(|(problem, mend)| OpenRecordingError::Format {
+            path: path.into(),
+            problem,
+            mend,
+        })?;
+        Ok(Recording { header, source, read: 0, ending: None })
+    }
+
+    /// What it is of.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// How it ended; `None` as long as records come.
+    pub fn ending(&self) -> Option<&Ending> {
+        self.ending.as_ref()
+    }
+
+    fn next_record(&mut self) -> Result<Record, Ending> {
+        let mut record = Record::zeroed();
+        let filled = fill(&mut self.source, bytes_of_mut(&mut record));
+        let filled = filled.map_err(|error| Ending::Unreadable(error.to_string()))?;
+        if filled < Record::BYTES {
+            return Err(Ending::Cut { left_over: filled as u64 });
+        }
+        let sound = record.crc == file::checksum(&record);
+        match record.kind {
+            Record::PERIOD if sound => {
+                self.read += 1;
+                Ok(record)
+            }
+            Record::END if sound => Err(clean(&record)),
+            _ => Err(Ending::Damaged { record: self.read }),
+        }
+    }
+}
+
+impl<R: Read> Iterator for Recording<R> {
+    type Item = Record;
+
+    fn next(&mut self) -> Option<Record> {
+        if self.ending.is_some() {
+            return None;
+        }
+        self.next_record().map_err(|ending| self.ending = Some(ending)).ok()
+    }
+}
+
+/// The end as its writer told it.
+fn clean(block: &Record) -> Ending {
+    let bytes = bytes_of(block);
+    let number = |at: usize| u64::from_le_bytes(std::array::from_fn(|i| bytes[at + i]));
+    let (from, room) = REASON;
+    let length = usize::try_from(number(24)).unwrap_or(room).min(room);
+    let reason = String::from_utf8_lossy(&bytes[from..from + length]).into_owned();
+    Ending::Clean { reason, dropped: number(16) }
+}
+
+/// A problem and how to mend it.
+type Problem = (String, &'static str);
+
+fn header(source: &mut impl Read) -> Result<Header, Problem> {
+    const CUT: &str = "it ended before its first record: there is nothing to be read from it";
+    let cut = |what: &str| (format!("it ends within its {what}"), CUT);
+    let bytes = |source: &mut dyn Read, count: usize, what: &str| -> Result<Vec<u8>, Problem> {
+        let mut bytes = vec![0; count];
+        let filled = fill(source, &mut bytes);
+        let filled = filled.map_err(|e| (format!("can't be read ({e})"), "check the disk"))?;
+        if filled == count { Ok(bytes) } else { Err(cut(what)) }
+    };
+    let word = |source: &mut dyn Read, what: &str| -> Result<u32, Problem> {
+        let bytes = bytes(source, 4, what)?;
+        Ok(u32::from_le_bytes(std::array::from_fn(|i| bytes[i])))
+    };
+    if bytes(source, 8, "first bytes")? != MAGIC {
+        return Err(("it is no recording of palpate".into(), "give a file that `palpate run --record` made"));
+    }
+    let version = word(source, "version")?;
+    if version != VERSION {
+        let problem = format!("it is a recording of version {version}; this program reads version {VERSION}");
+        return Err((problem, "read it with the palpate that its header names"));
+    }
+    let length = word(source, "header's length")?;
+    let damaged = |what: String| (format!("its header is damaged: {what}"), "take another copy");
+    if length > HEADER_MAX {
+        return Err(damaged(format!("{length} bytes are too many")));
+    }
+    let json = bytes(source, length as usize, "header")?;
+    if word(source, "header's checksum")? != crc32fast::hash(&json) {
+        return Err(damaged("its checksum does not fit".into()));
+    }
+    let envelope: Envelope = serde_json::from_slice(&json).map_err(|e| damaged(e.to_string()))?;
+    // Their meaning may be said in other words.
+    let layout = |fields: Vec<Field>| fields.into_iter().map(|f| (f.name, f.kind, f.count, f.offset));
+    let same = layout(envelope.fields).eq(layout(Record::fields()));
+    if envelope.record_bytes as usize != Record::BYTES || !same {
+        return Err(damaged("its records are not those of this version".into()));
+    }
+    Ok(envelope.recording)
+}
+
+/// As `read_exact`, but says how much there was.
+fn fill(source: &mut (impl Read + ?Sized), bytes: &mut [u8]) -> io::Result<usize> {
+    let mut filled = 0;
+    while filled < bytes.len() {
+        match source.read(&mut bytes[filled..]) {
+            Ok(0) => break,
+            Ok(count) => filled += count,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(filled)
+}

@@ -1,0 +1,225 @@
+//! From the haptic thread, through a ring, to a thread that may wait for the disk.
+
+use super::{Record, RecordingFile};
+use crate::{Statistics, Summary};
+use bytemuck::Zeroable;
+use rtrb::{Consumer, Producer, RingBuffer};
+use std::io::{self, Write};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+/// How often the ring is emptied.
+const PAUSE: Duration = Duration::from_millis(5);
+/// How old what a kill takes along may be, with as much again for a slow disk.
+const FLUSH: Duration = Duration::from_millis(250);
+
+/// The haptic thread's end of the ring.
+#[derive(Debug)]
+pub struct Recorder {
+    producer: Producer<Record>,
+    dropped: Arc<AtomicU64>,
+}
+
+/// The other end, for [`Scribe::start`].
+#[derive(Debug)]
+pub struct Records {
+    consumer: Consumer<Record>,
+    dropped: Arc<AtomicU64>,
+}
+
+/// A ring for so many records: two seconds of them bridge most disks' pauses.
+pub fn ring(capacity: usize) -> (Recorder, Records) {
+    let (mut producer, mut consumer) = RingBuffer::new(capacity.max(1));
+    // Every page is touched now, not by the haptic thread.
+    while producer.push(Record::zeroed()).is_ok() {}
+    while consumer.pop().is_ok() {}
+    let dropped = Arc::new(AtomicU64::new(0));
+    (Recorder { producer, dropped: dropped.clone() }, Records { consumer, dropped })
+}
+
+impl Recorder {
+    /// Hands over a record; where the ring is full it is dropped, counted, and the answer `false`.
+    ///
+    /// # Real-time
+    /// Wait-free; never allocates.
+    pub fn push(&mut self, record: &Record) -> bool {
+        let pushed = self.producer.push(*record).is_ok();
+        if !pushed {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+        pushed
+    }
+
+    /// How many records were dropped.
+    pub fn dropped(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+}
+
+/// The thread that takes records out of the ring, counts them, and writes them if there is a file. A disk that fails
+/// ends the writing, not the counting.
+#[derive(Debug)]
+pub struct Scribe {
+    shared: Arc<Shared>,
+    dropped: Arc<AtomicU64>,
+    thread: Option<JoinHandle<()>>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    stop: AtomicBool,
+    state: Mutex<State>,
+}
+
+#[derive(Debug)]
+struct State {
+    statistics: Statistics,
+    /// Why the recording ends.
+    reason: String,
+    /// Records in the file.
+    written: u64,
+    /// What the disk said, and whether that was told.
+    trouble: Option<(String, bool)>,
+}
+
+/// What became of a recording.
+#[derive(Debug, Clone)]
+pub struct Finished {
+    /// Of all periods that came through the ring.
+    pub summary: Summary,
+    /// Records in the file.
+    pub written: u64,
+    /// What ended the writing early, if anything did.
+    pub trouble: Option<String>,
+}
+
+impl Shared {
+    fn state(&self) -> MutexGuard<'_, State> {
+        // What a panic left behind is still the best there is.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Scribe {
+    /// Starts the thread, for a loop of `rate_hz`.
+    ///
+    /// # Errors
+    /// The system gives no thread.
+    pub fn start<W: Write + Send + 'static>(
+        records: Records,
+        file: Option<RecordingFile<W>>,
+        rate_hz: f64,
+    ) -> io::Result<Self> {
+        let state = State {
+            statistics: Statistics::new(rate_hz),
+            reason: "nobody said why".into(),
+            written: 0,
+            trouble: None,
+        };
+        let shared = Arc::new(Shared { stop: AtomicBool::new(false), state: Mutex::new(state) });
+        let dropped = records.dropped.clone();
+        let thread = thread::Builder::new().name("palpate-scribe".into()).spawn({
+            let shared = shared.clone();
+            move || scribe(records, file, &shared)
+        })?;
+        Ok(Scribe { shared, dropped, thread: Some(thread) })
+    }
+
+    /// The statistics up to now. Not for the haptic thread.
+    pub fn summary(&self) -> Summary {
+        let mut summary = self.shared.state().statistics.summary();
+        summary.dropped_records = self.dropped.load(Ordering::Relaxed);
+        summary
+    }
+
+    /// What ended the writing, once: later calls get `None`.
+    pub fn trouble(&self) -> Option<String> {
+        let mut state = self.shared.state();
+        let (what, told) = state.trouble.as_mut()?;
+        let news = !std::mem::replace(told, true);
+        news.then(|| what.clone())
+    }
+
+    /// Empties the ring, ends the file with `reason`, and ends the thread. Best called when the loop has ended: what is
+    /// pushed meanwhile is left over.
+    pub fn finish(mut self, reason: &str) -> Finished {
+        self.shared.state().reason = reason.into();
+        let panicked = self.join();
+        let summary = self.summary();
+        let state = self.shared.state();
+        let trouble = state.trouble.as_ref().map(|(what, _)| what.clone());
+        let panicked = panicked.then(|| "the thread that writes the recording panicked".into());
+        Finished { summary, written: state.written, trouble: trouble.or(panicked) }
+    }
+
+    /// Whether it had panicked.
+    fn join(&mut self) -> bool {
+        self.shared.stop.store(true, Ordering::Release);
+        self.thread.take().is_some_and(|thread| thread.join().is_err())
+    }
+}
+
+impl Drop for Scribe {
+    fn drop(&mut self) {
+        self.join();
+    }
+}
+
+/// The thread.
+fn scribe<W: Write>(mut records: Records, file: Option<RecordingFile<W>>, shared: &Shared) {
+    let mut file = file;
+    let mut flushed = Instant::now();
+    loop {
+        // Asked before: what was pushed before the stop is in the ring.
+        let last = shared.stop.load(Ordering::Acquire) || records.consumer.is_abandoned();
+        let mut state = shared.state();
+        for _ in 0..records.consumer.slots() {
+            let Ok(record) = records.consumer.pop() else { break };
+            state.statistics.add(&record);
+            state.keep(&mut file, |file| file.write(&record));
+            state.written += u64::from(file.is_some());
+        }
+        let (reason, written) = (state.reason.clone(), state.written);
+        drop(state);
+        if last {
+            let dropped = records.dropped.load(Ordering::Relaxed);
+            let ended = file.map(|file| file.end(&reason, written, dropped));
+            if let Some(Err(error)) = ended {
+                shared.state().note(&error);
+            }
+            return;
+        }
+        if flushed.elapsed() >= FLUSH {
+            // Outside of the lock: a disk may take its time.
+            let result = file.as_mut().map(RecordingFile::flush);
+            if let Some(Err(error)) = result {
+                shared.state().note(&error);
+                file = None;
+            }
+            flushed = Instant::now();
+        }
+        thread::sleep(PAUSE);
+    }
+}
+
+impl State {
+    /// Does `what` to the file, and lets go of it if that fails.
+    fn keep<W>(
+        &mut self,
+        file: &mut Option<RecordingFile<W>>,
+        what: impl FnOnce(&mut RecordingFile<W>) -> io::Result<()>,
+    ) {
+        if let Some(Err(error)) = file.as_mut().map(what) {
+            self.note(&error);
+            *file = None;
+        }
+    }
+
+    fn note(&mut self, error: &io::Error) {
+        let what =
+            format!("the recording ends here, the loop goes on: {error}; free the disk for the next one");
+        self.trouble.get_or_insert((what, false));
+    }
+}

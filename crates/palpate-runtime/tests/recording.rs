@@ -1,0 +1,296 @@
+//! A recording gives back what was written, to the bit, as far as the file is whole; and nothing that happens to the
+//! disk reaches the loop.
+
+mod common;
+
+use bytemuck::{Zeroable, bytes_of, bytes_of_mut};
+use common::Chance;
+use common::faulty::{Faulty, Odds};
+use common::plane;
+use glam::DVec3;
+use palpate_body::Body;
+use palpate_device::simulated::{Hand, Move, Script};
+use palpate_device::{Device, Simulated, presets};
+use palpate_engine::Contact;
+use palpate_runtime::{
+    BodyFile, Ending, HapticLoop, Header, Record, Recording, RecordingFile, Safety, Scribe, WorkspaceMap,
+    ring,
+};
+use std::io::{self, Write};
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+fn header() -> Header {
+    Header {
+        program: "palpate".into(),
+        began_unix_s: 1.7e9 + 0.1,
+        rate_hz: 1000.0,
+        body: BodyFile { name: "tube \"1\".body".into(), sha256: "0123".into() },
+        slip: "paper".into(),
+        ablation: "none".into(),
+        device: "Touch".into(),
+        safety: Some(Safety { slew_n_per_s: Some(1e5 / 3.0), ..Safety::default() }),
+        coupling_n_per_m: Some(0.1 + 0.2),
+        map: WorkspaceMap { offset_m: DVec3::splat(1.0 / 3.0), clutch: Some(2), ..WorkspaceMap::default() }
+            .into(),
+    }
+}
+
+/// Records of random bits: every f64 that there is may be among them.
+fn noise(count: u64, seed: u64) -> Vec<Record> {
+    let mut rng = Chance::new(seed);
+    let mut record = |number| {
+        let mut record = Record::zeroed();
+        bytes_of_mut(&mut record).iter_mut().for_each(|b| *b = rng.below(256) as u8);
+        Record { kind: Record::PERIOD, number, ..record }
+    };
+    (0..count).map(&mut record).collect()
+}
+
+fn file(records: &[Record], end: bool) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut file = RecordingFile::begin(&mut bytes, &header()).unwrap();
+    records.iter().for_each(|r| file.write(r).unwrap());
+    if end {
+        file.end("asked to stop", records.len() as u64, 7).unwrap();
+    }
+    bytes
+}
+
+/// All but the checksum, which is the file's.
+fn same(a: &Record, b: &Record) -> bool {
+    let bytes = |r: &Record| bytes_of(r)[..Record::BYTES - 4].to_vec();
+    bytes(a) == bytes(b)
+}
+
+fn read(bytes: &[u8]) -> Result<(Vec<Record>, Ending), String> {
+    let mut recording = Recording::read(bytes, Path::new("a.rec")).map_err(|e| e.to_string())?;
+    assert_eq!(recording.header(), &header());
+    let records = recording.by_ref().collect();
+    Ok((records, recording.ending().unwrap().clone()))
+}
+
+#[test]
+fn what_is_written_comes_back_to_the_bit() {
+    let records = noise(500, 1);
+    let (back, ending) = read(&file(&records, true)).unwrap();
+    assert!(back.len() == 500 && back.iter().zip(&records).all(|(a, b)| same(a, b)));
+    assert_eq!(ending, Ending::Clean { reason: "asked to stop".into(), dropped: 7 });
+    // A reason that is too long is cut between two letters.
+    let mut bytes = Vec::new();
+    RecordingFile::begin(&mut bytes, &header()).unwrap().end(&"ä".repeat(1000), 0, 0).unwrap();
+    assert_eq!(read(&bytes).unwrap().1, Ending::Clean { reason: "ä".repeat(256), dropped: 0 });
+}
+
+#[test]
+fn a_file_cut_anywhere_is_read_up_to_there() {
+    let records = noise(3, 2);
+    let bytes = file(&records, true);
+    let start = file(&[], false).len();
+    for length in 0..bytes.len() {
+        match read(&bytes[..length]) {
+            Err(error) => {
+                assert!(length < start && error.contains("it ends within its"), "{length}: {error}")
+            }
+            Ok((back, ending)) => {
+                assert_eq!(back.len(), (length - start) / Record::BYTES);
+                assert!(back.iter().zip(&records).all(|(a, b)| same(a, b)));
+                let left_over = ((length - start) % Record::BYTES) as u64;
+                assert_eq!(ending, Ending::Cut { left_over });
+            }
+        }
+    }
+}
+
+/// Every byte in turn, by one bit: records before it are given, the one that it is in never.
+#[test]
+fn a_damaged_byte_is_never_taken_for_a_record() {
+    let records = noise(3, 3);
+    let bytes = file(&records, true);
+    let start = file(&[], false).len();
+    for at in 0..bytes.len() {
+        let mut damaged = bytes.clone();
+        damaged[at] ^= 1 << (at % 8);
+        match read(&damaged) {
+            Err(error) => assert!(at < start && error.contains("a.rec: "), "{at}: {error}"),
+            Ok((back, ending)) => {
+                let record = (at - start) / Record::BYTES;
+                assert!(back.len() == record && back.iter().zip(&records).all(|(a, b)| same(a, b)));
+                assert_eq!(ending, Ending::Damaged { record: record as u64 });
+            }
+        }
+    }
+}
+
+#[test]
+fn a_recording_is_not_overwritten_unless_asked() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.rec");
+    let begin = |path: &Path, replace| RecordingFile::create(path, replace, &header());
+    begin(&path, false).unwrap().end("first", 0, 0).unwrap();
+    let error = begin(&path, false).unwrap_err().to_string();
+    assert!(error.contains("a.rec: it is there already"), "{error}");
+    assert_eq!(
+        read(&std::fs::read(&path).unwrap()).unwrap().1,
+        Ending::Clean { reason: "first".into(), dropped: 0 }
+    );
+    begin(&path, true).unwrap().end("second", 0, 0).unwrap();
+    let mut recording = Recording::open(&path).unwrap();
+    assert!(recording.next().is_none());
+    assert_eq!(recording.ending(), Some(&Ending::Clean { reason: "second".into(), dropped: 0 }));
+    for wrong in [folder.path(), &folder.path().join("none/a.rec")] {
+        assert!(begin(wrong, false).is_err() && Recording::open(wrong).is_err());
+    }
+}
+
+/// Somewhere to write that other threads can look into, and that has room for so many bytes.
+#[derive(Clone)]
+struct Disk(Arc<Mutex<Vec<u8>>>, usize);
+
+impl Disk {
+    fn new(room: usize) -> Self {
+        Disk(Arc::default(), room)
+    }
+    fn bytes(&self) -> Vec<u8> {
+        self.0.lock().unwrap().clone()
+    }
+}
+
+impl Write for Disk {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut written = self.0.lock().unwrap();
+        let count = bytes.len().min(self.1 - written.len());
+        if count == 0 {
+            return Err(io::ErrorKind::StorageFull.into());
+        }
+        written.extend(&bytes[..count]);
+        Ok(count)
+    }
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_full_disk_ends_the_writing_and_nothing_else() {
+    let records = noise(40, 4);
+    let start = file(&[], false).len();
+    for room in [start, start + 1, start + 10 * Record::BYTES + 100, start + 39 * Record::BYTES] {
+        let disk = Disk::new(room);
+        let (mut recorder, end) = ring(64);
+        let file = RecordingFile::begin(disk.clone(), &header()).unwrap();
+        let scribe = Scribe::start(end, Some(file), 1000.0).unwrap();
+        records.iter().for_each(|r| assert!(recorder.push(r)));
+        let begun = Instant::now();
+        let told = loop {
+            if let Some(told) = scribe.trouble() {
+                break told;
+            }
+            assert!(begun.elapsed() < Duration::from_secs(20));
+            std::thread::sleep(Duration::from_millis(2));
+        };
+        assert!(told.contains("the recording ends here") && scribe.trouble().is_none(), "{told}");
+        records.iter().for_each(|r| assert!(recorder.push(r) || recorder.dropped() > 0));
+        let finished = scribe.finish("the end");
+        let whole = (room - start) / Record::BYTES;
+        assert_eq!(finished.summary.periods + finished.summary.dropped_records, 80);
+        assert_eq!((finished.written, finished.trouble), (whole as u64, Some(told)));
+        let (back, ending) = read(&disk.bytes()).unwrap();
+        assert!(back.len() == whole && back.iter().zip(&records).all(|(a, b)| same(a, b)));
+        assert_eq!(ending, Ending::Cut { left_over: ((room - start) % Record::BYTES) as u64 });
+    }
+}
+
+#[test]
+fn a_full_ring_drops_and_counts() {
+    let records = noise(10, 5);
+    let (mut recorder, end) = ring(4);
+    assert_eq!(records.iter().filter(|r| recorder.push(r)).count(), 4);
+    assert_eq!(recorder.dropped(), 6);
+    let disk = Disk::new(usize::MAX);
+    let file = RecordingFile::begin(disk.clone(), &header()).unwrap();
+    let finished = Scribe::start(end, Some(file), 1000.0).unwrap().finish("the end");
+    assert_eq!((finished.summary.dropped_records, finished.written), (6, 4));
+    let (back, ending) = read(&disk.bytes()).unwrap();
+    assert_eq!(back.iter().map(|r| r.number).collect::<Vec<_>>(), [0, 1, 2, 3]);
+    assert_eq!(ending, Ending::Clean { reason: "the end".into(), dropped: 6 });
+}
+
+/// What is older than half a second is on the disk, whatever becomes of the program; a scribe without a file counts.
+#[test]
+fn half_a_second_is_the_most_that_a_kill_takes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.rec");
+    let file = RecordingFile::create(&path, false, &header()).unwrap();
+    let records = noise(100, 6);
+    let (mut recorder, end) = ring(256);
+    let scribe = Scribe::start(end, Some(file), 1000.0).unwrap();
+    records.iter().for_each(|r| assert!(recorder.push(r)));
+    let begun = Instant::now();
+    while read(&std::fs::read(&path).unwrap()).unwrap().0.len() < 100 {
+        // Half a second on a machine that has time; other work beside may make it longer.
+        assert!(begun.elapsed() < Duration::from_secs(20));
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    println!("flushed after {:?}", begun.elapsed());
+    assert_eq!(read(&std::fs::read(&path).unwrap()).unwrap().1, Ending::Cut { left_over: 0 });
+    assert_eq!(scribe.summary().periods, 100);
+    drop((recorder, scribe));
+    let (mut recorder, end) = ring(256);
+    let scribe = Scribe::start::<Disk>(end, None, 1000.0).unwrap();
+    records.iter().for_each(|r| assert!(recorder.push(r)));
+    let finished = scribe.finish("the end");
+    assert_eq!((finished.summary.periods, finished.written), (100, 0));
+}
+
+fn loop_records(body: &Body) -> Vec<Record> {
+    let capabilities = presets::device("touch").unwrap();
+    let mut stages = Safety { soft_start_s: 0.05, passivity: true, ..Safety::default() };
+    stages.damping_n_s_per_m = 1.0;
+    let stages = stages.stages(&capabilities, 1000.0).unwrap();
+    let moves = [
+        Move::Press { depth_m: 6e-3, seconds: 0.2 },
+        Move::Drag { along_m: 0.02, across_m: 5e-3, seconds: 0.4 },
+        Move::Tap { depth_m: -8e-3, times: 3, seconds: 0.4 },
+    ];
+    let script = Script::new(DVec3::new(1e-3, 2e-3, 0.0), 1e-3, -DVec3::Z, DVec3::X, &moves).unwrap();
+    let hand = Hand { mass_kg: 0.01, damping_n_s_per_m: 2.0, stiffness_n_per_m: 300.0 };
+    let odds = Odds { no_number: 0.01, frozen: 0.005, jump: 0.005, read_error: 0.01, write_error: 0.01 };
+    let mut device = Faulty::new(Simulated::new(capabilities, hand, Box::new(script)), odds, 7);
+    device.open().unwrap();
+    let map = WorkspaceMap { clutch: Some(0), ..WorkspaceMap::default() };
+    let mut haptics = HapticLoop::new(Contact::new(body), map, stages);
+    let period = |k: u64| {
+        let period = haptics.period(body, &mut device, k as f64 * 1e-3);
+        let record = Record::new(k, &haptics, &period);
+        assert_eq!(format!("{:?}", record.sample()), format!("{:?}", period.sample));
+        assert_eq!((record.fault(), record.stages()), (period.fault, period.flags));
+        assert_eq!(record.engine(), period.output.flags);
+        record
+    };
+    (0..1000).map(period).collect()
+}
+
+/// What the engine was given is enough for the same forces, energies and contact points, bit by bit.
+#[test]
+fn the_engines_part_of_a_recording_plays_again_bit_for_bit() {
+    let body = plane(600.0, 500.0, 0.3);
+    let records = loop_records(&body);
+    let (back, _) = read(&file(&records, true)).unwrap();
+    let mut contact = Contact::new(&body);
+    let mut stepped = 0;
+    for record in back {
+        let Some(pose) = record.tool() else { continue };
+        let output = contact.step(&body, &pose);
+        stepped += u32::from(output.flags.in_contact);
+        let bits = |v: &[f64]| v.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&output.force_n), bits(&record.force_n));
+        let energy = output.energy;
+        assert_eq!(bits(&[energy.work_j, energy.dissipated_j]), bits(&[record.work_j, record.dissipated_j]));
+        assert_eq!(output.contact.map_or(Record::NONE, |c| c.element), record.element);
+        assert_eq!(bits(&output.contact.map_or([0.0; 3], |c| c.n)), bits(&record.contact_n));
+        assert_eq!(output.flags, record.engine());
+    }
+    assert!(stepped > 300, "{stepped}");
+}
