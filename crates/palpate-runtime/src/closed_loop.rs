@@ -1,9 +1,9 @@
 //! One period of the loop.
 
+use crate::ground::{Ground, ready};
 use crate::map::Mapping;
 use crate::{StageCounts, StageFlags, Stages, WorkspaceMap};
 use glam::DVec3;
-use crate::ground::{Ground, ready};
 use palpate_device::{Command, Device, Fault, Sample};
 use palpate_engine::{Contact, Output, ToolPose};
 

@@ -37,39 +37,56 @@
 //! # Real-time
 //! `step` never allocates, locks, logs, or reads a clock or a file, as far as the device's `read` and `write` don't.
 
+/// What the exchange is made of: under loom, in the tests, it is loom's.
+mod atomic {
+    pub use std::sync::atomic::{AtomicPtr, AtomicU64, Ordering, fence};
+}
+
 mod closed_loop;
 mod coupling;
 mod cycle;
 mod damping;
+mod exchange;
+mod finder;
 mod flags;
+mod ground;
 mod guard;
 mod limit;
 mod map;
 mod page_faults;
 mod passivity;
+mod real_time;
 mod record;
 mod safety;
+mod session;
 mod soft_start;
 mod stages;
 mod statistics;
 mod timed;
+mod watch;
 
 pub use closed_loop::{HapticLoop, Period, Port};
 pub use coupling::Coupling;
 pub use cycle::Cycle;
 pub use damping::Damping;
+pub use exchange::{Board, Mailbox};
+pub use finder::{Finder, Footing, PATCH_ELEMENTS, footing};
 pub use flags::{StageCounts, StageFlags};
+pub use ground::Ground;
 pub use guard::PoseGuard;
 pub use limit::Limit;
 pub use map::WorkspaceMap;
 pub use page_faults::PageFaults;
 pub use passivity::PassivityController;
+pub use real_time::RealTime;
 pub use record::{
     BodyFile, CreateError, Ending, Field, Finished, Header, Map, OpenRecordingError, Record, Recorder,
-    Recording, RecordingFile, Records, Scribe, ring,
+    Recording, RecordingFile, Records, Retrace, Scribe, ring,
 };
 pub use safety::{Safety, SafetyError};
+pub use session::{Report, Session, Settings, StartError, Stopper};
 pub use soft_start::SoftStart;
 pub use stages::Stages;
 pub use statistics::{Percentiles, Statistics, Summary};
 pub use timed::Timed;
+pub use watch::{End, Patience};

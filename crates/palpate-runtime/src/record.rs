@@ -7,10 +7,12 @@
 mod file;
 mod reading;
 mod recorder;
+mod retrace;
 
 pub use file::{BodyFile, CreateError, Header, Map, RecordingFile};
 pub use reading::{Ending, OpenRecordingError, Recording};
 pub use recorder::{Finished, Recorder, Records, Scribe, ring};
+pub use retrace::Retrace;
 
 use crate::{HapticLoop, Period, StageFlags};
 use bytemuck::{Pod, Zeroable};
@@ -256,6 +258,7 @@ impl Record {
             invalid_pose,
             contained,
             started_inside,
+            fenced,
         ] = unbits(self.engine_flags);
         Flags {
             in_contact,
@@ -269,6 +272,7 @@ impl Record {
             invalid_pose,
             contained,
             started_inside,
+            fenced,
         }
     }
 
@@ -314,7 +318,7 @@ fn fault_to(fault: Option<Fault>) -> (u32, i64) {
     }
 }
 
-fn engine_flags(flags: &Flags) -> [bool; 11] {
+fn engine_flags(flags: &Flags) -> [bool; 12] {
     // Taken apart by name, so that a new flag is not forgotten.
     let Flags {
         in_contact,
@@ -328,6 +332,7 @@ fn engine_flags(flags: &Flags) -> [bool; 11] {
         invalid_pose,
         contained,
         started_inside,
+        fenced,
     } = *flags;
     [
         in_contact,
@@ -341,6 +346,7 @@ fn engine_flags(flags: &Flags) -> [bool; 11] {
         invalid_pose,
         contained,
         started_inside,
+        fenced,
     ]
 }
 
@@ -370,7 +376,7 @@ mod tests {
 
     #[test]
     fn flags_and_faults_come_back() {
-        for i in 0..11 {
+        for i in 0..12 {
             let record = Record { engine_flags: 1 << i, ..Record::zeroed() };
             assert_eq!(bits(engine_flags(&record.engine())), 1 << i);
         }

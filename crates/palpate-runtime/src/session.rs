@@ -282,6 +282,10 @@ impl Haptic {
             let began = clock.now();
             let now = began as f64 * 1e-9;
             let late = if paced { 0 } else { began as i64 - due as i64 };
+            if !paced {
+                // Periods that were slept over are not made up for.
+                tally.number = tally.number.max((now * rate_hz) as u64);
+            }
             if self.shared.asked.load(Ordering::Acquire) {
                 return Stop::Asked;
             }
@@ -291,7 +295,7 @@ impl Haptic {
             if let Some(alarm) = watch.begin(now, late as f64 * 1e-9, self.footing.link().beats()) {
                 return Stop::Alarm(alarm);
             }
-            let time = if paced { now } else { due as f64 * 1e-9 };
+            let time = if paced { now } else { tally.number as f64 / rate_hz };
             self.footing.renew(self.haptics.contact_mut());
             let period = self.haptics.period(self.footing.patch(), device, time);
             let waits = period.flags.has(StageFlags::WAITED) || period.output.flags.fenced;
@@ -311,9 +315,7 @@ impl Haptic {
             if let Some(alarm) = watch.end(now, period.sample.sequence, period.fault) {
                 return Stop::Alarm(alarm);
             }
-            // Periods that were slept over are not made up for.
-            let passed = (clock.now() as f64 * 1e-9 * rate_hz) as u64;
-            tally.number = (tally.number + 1).max(if paced { 0 } else { passed });
+            tally.number += 1;
         }
         Stop::Done
     }

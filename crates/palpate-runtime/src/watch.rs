@@ -57,7 +57,9 @@ impl fmt::Display for End {
             End::Asked(by) => write!(f, "{by}"),
             End::Device(words) => write!(f, "{words}"),
             End::Stale(s) => write!(f, "the device has had no new pose for {s:.3} s"),
-            End::Late(s) => write!(f, "a period came {:.1} ms late: the machine is too busy for this loop", s * 1e3),
+            End::Late(s) => {
+                write!(f, "a period came {:.1} ms late: the machine is too busy for this loop", s * 1e3)
+            }
             End::FinderSilent(s) => write!(f, "the contact finder has been silent for {s:.3} s"),
             End::FinderDead => write!(f, "the contact finder's thread is gone"),
             End::Panic(words) => write!(f, "the haptic thread panicked: {words}"),

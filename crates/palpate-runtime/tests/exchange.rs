@@ -40,7 +40,9 @@ fn boxes_go_round() {
         let (fresh, used) = &*both;
         let mut held = Box::new(0);
         for _ in 0..2 {
-            if used.is_empty() && let Some(mut next) = fresh.take() {
+            if used.is_empty()
+                && let Some(mut next) = fresh.take()
+            {
                 assert!(*next > *held, "{next} after {held}");
                 std::mem::swap(&mut held, &mut next);
                 assert!(used.post(next).is_none());

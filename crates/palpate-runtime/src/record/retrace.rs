@@ -1,0 +1,57 @@
+//! The engine's steps of a recording, once more.
+
+use super::Record;
+use crate::ground::ready;
+use palpate_body::{Body, Patch};
+use palpate_engine::{Contact, Output};
+
+/// Steps a contact through a recording's poses, on the patches that the loop had: the same bits come out.
+#[derive(Debug)]
+pub struct Retrace<'a> {
+    body: &'a Body,
+    contact: Contact,
+    /// The patch and its serial.
+    patch: Option<(u64, Patch)>,
+}
+
+impl<'a> Retrace<'a> {
+    /// `contact` must be as the loop's was: new, with its slip rule and ablation.
+    pub fn new(body: &'a Body, contact: Contact) -> Self {
+        Retrace { body, contact, patch: None }
+    }
+
+    /// The contact as it is now.
+    pub fn contact(&self) -> &Contact {
+        &self.contact
+    }
+
+    /// The engine's answer in the period of `record`, with its element numbered in the whole body; `None` if the engine was
+    /// not asked then.
+    pub fn step(&mut self, record: &Record) -> Option<Output> {
+        self.go_over(record);
+        let pose = record.tool()?;
+        let Some((_, patch)) = &self.patch else { return Some(self.contact.step(self.body, &pose)) };
+        // As the loop did: what came from beyond the patch is forgotten.
+        ready(patch, &mut self.contact, &pose);
+        let mut output = self.contact.step(patch.body(), &pose);
+        if let Some(contact) = &mut output.contact {
+            contact.element = patch.global(contact.element);
+        }
+        Some(output)
+    }
+
+    /// To the patch that the period had, if it is another.
+    fn go_over(&mut self, record: &Record) {
+        if record.patch_serial == 0
+            || self.patch.as_ref().is_some_and(|(serial, _)| *serial == record.patch_serial)
+        {
+            return;
+        }
+        let next = Patch::new(self.body, record.patch_centre_m, record.patch_count as usize);
+        let from = |e: u32| self.patch.as_ref().map_or(e, |(_, patch)| patch.global(e));
+        if !self.contact.renumber(|e| next.local(from(e))) {
+            self.contact.forget();
+        }
+        self.patch = Some((record.patch_serial, next));
+    }
+}

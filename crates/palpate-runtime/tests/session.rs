@@ -1,0 +1,296 @@
+//! The loop against the clock, with a simulated device that something happens to: the force stays bounded, goes to zero in
+//! time, and the reason is said.
+
+mod common;
+
+use common::{Chance, plane, shape, with_field};
+use glam::DVec3;
+use palpate_body::Body;
+use palpate_body::shape::Shape;
+use palpate_device::simulated::{Move, Script};
+use palpate_device::{Capabilities, Command, Device, Fault, OpenError, Sample, Simulated, presets};
+use palpate_engine::Contact;
+use palpate_runtime::{
+    End, HapticLoop, Header, Patience, RealTime, Record, Recording, RecordingFile, Report, Retrace, Safety,
+    Scribe, Session, Settings, WorkspaceMap, ring,
+};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+/// What happens to the device, from `at_s` on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Mishap {
+    None,
+    Gone,
+    NoNumbers,
+    Frozen,
+    Jumps,
+    ReadPanics,
+    WritePanics,
+    Stalls,
+    Unanswering,
+}
+
+/// A simulated device with a mishap, and a list of what it was told.
+struct Rigged {
+    device: Simulated,
+    mishap: Mishap,
+    at_s: f64,
+    now_s: f64,
+    last: Sample,
+    log: Arc<Mutex<Log>>,
+}
+
+#[derive(Debug, Default)]
+struct Log {
+    commands: Vec<(f64, DVec3)>,
+    closed: bool,
+}
+
+impl Rigged {
+    fn happens(&self, mishap: Mishap) -> bool {
+        self.mishap == mishap && self.now_s >= self.at_s
+    }
+}
+
+impl Device for Rigged {
+    fn capabilities(&self) -> &Capabilities {
+        self.device.capabilities()
+    }
+    fn open(&mut self) -> Result<(), OpenError> {
+        self.device.open()
+    }
+    fn read(&mut self, now_s: f64) -> Result<Sample, Fault> {
+        self.now_s = now_s;
+        let mut sample = self.device.read(now_s)?;
+        assert!(!self.happens(Mishap::ReadPanics), "the driver has a bug");
+        if self.happens(Mishap::Stalls) {
+            self.mishap = Mishap::None;
+            std::thread::sleep(Duration::from_millis(300));
+        }
+        if self.happens(Mishap::Gone) {
+            return Err(Fault::Disconnected);
+        }
+        if self.happens(Mishap::Unanswering) {
+            return Err(Fault::TimedOut);
+        }
+        if self.happens(Mishap::Frozen) {
+            return Ok(self.last);
+        }
+        if self.happens(Mishap::NoNumbers) {
+            sample.pose.position_m[1] = f64::NAN;
+        }
+        if self.happens(Mishap::Jumps) {
+            sample.pose.position_m[2] -= 0.1;
+        }
+        self.last = sample;
+        Ok(sample)
+    }
+    fn write(&mut self, command: &Command) -> Result<(), Fault> {
+        assert!(!self.happens(Mishap::WritePanics), "the driver has a bug");
+        if self.happens(Mishap::Gone) {
+            return Err(Fault::Disconnected);
+        }
+        self.log.lock().unwrap().commands.push((self.now_s, DVec3::from_array(command.force_n)));
+        self.device.write(command)
+    }
+    fn close(&mut self) {
+        self.log.lock().unwrap().closed = true;
+        self.device.close();
+    }
+}
+
+const HURT: f64 = 0.25;
+
+fn rigged(mishap: Mishap, place: DVec3) -> (Rigged, Arc<Mutex<Log>>) {
+    let moves = [
+        Move::Press { depth_m: 6e-3, seconds: 0.1 },
+        Move::Drag { along_m: 0.03, across_m: 0.0, seconds: 0.6 },
+    ];
+    let script = Script::new(place, 1e-3, -DVec3::Z, DVec3::X, &moves).unwrap();
+    let (hand, _) = presets::hand("fingers").unwrap();
+    let device = Simulated::new(presets::device("touch").unwrap(), hand, Box::new(script));
+    let log = Arc::new(Mutex::new(Log::default()));
+    (Rigged { device, mishap, at_s: HURT, now_s: 0.0, last: Sample::default(), log: log.clone() }, log)
+}
+
+/// As on any machine: no rights are asked for, and load beside is forgiven.
+fn settings(seconds: f64) -> Settings {
+    Settings {
+        seconds: Some(seconds),
+        real_time: RealTime { priority: None, own_core: false, spin_s: 0.0 },
+        patience: Patience { late_s: 5.0, finder_s: 5.0, ..Patience::default() },
+        ..Settings::new(1000.0)
+    }
+}
+
+fn haptics(body: &Body, device: &Capabilities) -> HapticLoop {
+    let safety = Safety { soft_start_s: 0.05, ..Safety::default() };
+    let stages = safety.stages(device, 1000.0).unwrap();
+    HapticLoop::new(Contact::new(body), WorkspaceMap::default(), stages)
+}
+
+fn run(body: &Arc<Body>, device: Rigged, settings: Settings) -> Report {
+    let haptics = haptics(body, device.capabilities());
+    let (recorder, _records) = ring(4000);
+    Session::start(body.clone(), Box::new(device), haptics, recorder, settings).unwrap().join()
+}
+
+/// No force beyond the Touch's, no step beyond half of it, and zero at the end.
+fn checked(log: &Mutex<Log>) -> Vec<(f64, DVec3)> {
+    let log = log.lock().unwrap();
+    assert!(log.closed);
+    let mut last = DVec3::ZERO;
+    for (t, force) in &log.commands {
+        assert!(force.length() <= 3.3 && force.distance(last) <= 1.65 + 1e-9, "{t}: {last} {force}");
+        last = *force;
+    }
+    log.commands.clone()
+}
+
+#[test]
+fn whatever_happens_to_the_device_the_force_ends_in_time_and_the_reason_is_said() {
+    let body = Arc::new(plane(600.0, 500.0, 0.2));
+    for mishap in [
+        Mishap::None,
+        Mishap::Gone,
+        Mishap::NoNumbers,
+        Mishap::Frozen,
+        Mishap::Jumps,
+        Mishap::ReadPanics,
+        Mishap::WritePanics,
+        Mishap::Unanswering,
+    ] {
+        let (device, log) = rigged(mishap, DVec3::ZERO);
+        let report = run(&body, device, settings(0.5));
+        let commands = checked(&log);
+        let touched = commands.iter().filter(|(t, f)| *t < HURT && f.length() > 0.1).count();
+        assert!(touched > 20, "{mishap:?}: {touched}");
+        match mishap {
+            Mishap::None | Mishap::NoNumbers | Mishap::Jumps => assert_eq!(report.end, End::Done),
+            Mishap::Gone => assert_eq!(report.end, End::Device("the device is gone".into())),
+            Mishap::Unanswering => {
+                assert_eq!(report.end, End::Device("the device did not answer in time".into()))
+            }
+            Mishap::Frozen => assert!(matches!(report.end, End::Stale(s) if s < 0.5), "{:?}", report.end),
+            Mishap::ReadPanics | Mishap::WritePanics => {
+                assert_eq!(report.end, End::Panic("the driver has a bug".into()));
+            }
+            Mishap::Stalls => {}
+        }
+        assert_eq!(report.end.is_well(), report.end == End::Done);
+        // A device that can't be told anything more keeps its last command, or what its own watchdog makes of it.
+        if !matches!(mishap, Mishap::Gone | Mishap::WritePanics) {
+            assert_eq!(commands.last().unwrap().1, DVec3::ZERO, "{mishap:?}");
+        }
+        let after = |(t, _): &&(f64, DVec3)| *t >= HURT + 2.5e-3;
+        match mishap {
+            Mishap::NoNumbers | Mishap::Unanswering => {
+                assert!(commands.iter().filter(after).all(|(_, f)| *f == DVec3::ZERO), "{mishap:?}");
+            }
+            _ => {}
+        }
+    }
+}
+
+#[test]
+fn a_late_loop_ends_with_zero_force() {
+    let body = Arc::new(plane(600.0, 500.0, 0.2));
+    let (device, log) = rigged(Mishap::Stalls, DVec3::ZERO);
+    let patience = Patience { late_s: 0.2, ..settings(0.0).patience };
+    let report = run(&body, device, Settings { patience, ..settings(2.0) });
+    assert!(matches!(report.end, End::Late(s) if s > 0.2), "{:?}", report.end);
+    assert_eq!(checked(&log).last().unwrap().1, DVec3::ZERO);
+}
+
+#[test]
+fn a_finder_that_stalls_is_waited_for_and_one_that_is_silent_ends_the_loop() {
+    let mesh = shape(Shape::Sphere { radius_mm: 30.0 }, 0.7);
+    let body = Arc::new(with_field(&mesh, 600.0, 500.0, 0.1, &|p| 1.0 + 0.3 * libm::sin(p.x * 90.0)));
+    let top = DVec3::new(0.0, 0.0, 0.03);
+    let stalled = Settings { finder_pause_s: 0.2, patch_elements: 64, ..settings(0.5) };
+    let (device, log) = rigged(Mishap::None, top);
+    let report = run(&body, device, stalled);
+    assert_eq!(report.end, End::Done);
+    let fenced = report.haptics.unwrap().contact().counters().fenced;
+    assert!(fenced > 10, "{fenced}");
+    checked(&log);
+    let (device, log) = rigged(Mishap::None, top);
+    let patience = Patience { finder_s: 0.1, ..stalled.patience };
+    let report = run(&body, device, Settings { finder_pause_s: 0.4, patience, ..stalled });
+    assert!(matches!(report.end, End::FinderSilent(_)), "{:?}", report.end);
+    assert_eq!(checked(&log).last().unwrap().1, DVec3::ZERO);
+}
+
+#[test]
+fn asked_to_it_ends_at_once() {
+    let body = Arc::new(plane(600.0, 500.0, 0.2));
+    let (device, log) = rigged(Mishap::None, DVec3::ZERO);
+    let haptics = haptics(&body, device.capabilities());
+    let (recorder, _records) = ring(4000);
+    let endless = Settings { seconds: None, ..settings(0.0) };
+    let session = Session::start(body, Box::new(device), haptics, recorder, endless).unwrap();
+    std::thread::sleep(Duration::from_millis(200));
+    assert!(!session.is_over());
+    session.stopper().stop("SIGINT");
+    let report = session.join();
+    assert_eq!(report.end, End::Asked("SIGINT"));
+    assert!(report.end.is_well() && report.periods > 50);
+    assert_eq!(checked(&log).last().unwrap().1, DVec3::ZERO);
+}
+
+#[test]
+fn load_beside_is_borne() {
+    let body = Arc::new(plane(600.0, 500.0, 0.2));
+    let stop = Arc::new(std::sync::atomic::AtomicBool::new(false));
+    let burners = (0..2 * std::thread::available_parallelism().unwrap().get()).map(|_| {
+        let stop = stop.clone();
+        std::thread::spawn(move || while !stop.load(std::sync::atomic::Ordering::Relaxed) {})
+    });
+    let burners: Vec<_> = burners.collect();
+    let (device, log) = rigged(Mishap::None, DVec3::ZERO);
+    let report = run(&body, device, settings(0.4));
+    stop.store(true, std::sync::atomic::Ordering::Relaxed);
+    burners.into_iter().for_each(|b| b.join().unwrap());
+    assert_eq!(report.end, End::Done);
+    assert_eq!(checked(&log).last().unwrap().1, DVec3::ZERO);
+}
+
+/// A recording of a loop on patches holds what the engine needs to give the same bits again: poses and patches.
+#[test]
+fn a_recording_on_patches_is_replayed_to_the_bit_by_two_devices_at_once() {
+    let mesh = shape(Shape::Sphere { radius_mm: 30.0 }, 1.0);
+    let body = Arc::new(with_field(&mesh, 600.0, 500.0, 0.1, &|p| 1.0 + 0.3 * libm::sin(p.x * 90.0)));
+    let folder = tempfile::tempdir().unwrap();
+    let sessions = [0, 1].map(|i| {
+        let turn = Chance::new(i).range(0.0, 6.0);
+        let place = DVec3::new(6e-3 * libm::cos(turn), 6e-3 * libm::sin(turn), 29.4e-3);
+        let (device, _) = rigged(Mishap::None, place);
+        let haptics = haptics(&body, device.capabilities());
+        let (recorder, records) = ring(4000);
+        let path = folder.path().join(format!("{i}.rec"));
+        let file = RecordingFile::create(&path, false, &Header::default()).unwrap();
+        let scribe = Scribe::start(records, Some(file), 1000.0).unwrap();
+        let fine = Settings { patch_elements: 200, ..settings(0.5) };
+        (Session::start(body.clone(), Box::new(device), haptics, recorder, fine).unwrap(), scribe, path)
+    });
+    for (session, scribe, path) in sessions {
+        let report = session.join();
+        let finished = scribe.finish(&report.end.to_string());
+        assert!(finished.written == report.periods && finished.trouble.is_none());
+        let mut recording = Recording::open(&path).unwrap();
+        let mut replay = Retrace::new(&body, Contact::new(&body));
+        let (mut steps, mut patches) = (0, 0);
+        let mut last: Option<Record> = None;
+        for record in &mut recording {
+            let Some(output) = replay.step(&record) else { continue };
+            assert_eq!(output.force_n, record.force_n, "period {}", record.number);
+            assert_eq!(output.contact.map_or(Record::NONE, |c| c.element), record.element);
+            assert_eq!(output.energy.work_j.to_bits(), record.work_j.to_bits());
+            patches += usize::from(last.is_none_or(|l| l.patch_serial != record.patch_serial));
+            steps += usize::from(output.flags.in_contact);
+            last = Some(record);
+        }
+        assert!(steps > 50 && patches > 3, "{steps} {patches}");
+    }
+}
