@@ -21,11 +21,16 @@
 
 mod capabilities;
 mod device;
+mod dhd;
 mod error;
+mod frame;
+mod library;
+mod limit;
 pub mod presets;
 pub mod simulated;
 
 pub use capabilities::{Basis, Capabilities, Figure, Freedom, Mechanics, Pace, Rates, Workspace};
 pub use device::{Command, Device, Pose, Sample, Status};
+pub use dhd::{Dhd, DhdOptions};
 pub use error::{Fault, OpenError};
 pub use simulated::Simulated;
