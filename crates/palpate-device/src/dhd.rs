@@ -9,7 +9,7 @@
 
 use crate::frame::Axes;
 use crate::library::{self, prototypes, text};
-use crate::limit::{Limits, override_by_user};
+use crate::limit::{self, Limits};
 use crate::{
     Capabilities, Command, Device, Fault, Figure, Freedom, OpenError, Pose, Sample, Status, presets,
 };
@@ -169,6 +169,7 @@ impl Device for Dhd {
     fn open(&mut self) -> Result<(), OpenError> {
         self.close();
         self.notes.clear();
+        let most = limit::of_user("dhd", self.options.max_force_n)?;
         let mut port = self.connect()?;
         let mut capabilities = model(&text(port.calls.name(port.id)));
         let wrist = port.calls.has_wrist(port.id);
@@ -178,12 +179,9 @@ impl Device for Dhd {
         if !driven {
             capabilities.max_torque_nm = None;
         }
-        override_by_user(
-            "dhd",
-            "the largest force",
-            &mut capabilities.max_force_n,
-            self.options.max_force_n,
-        )?;
+        if let Some(most) = most {
+            capabilities.max_force_n = most;
+        }
         port.wrist = wrist;
         port.limits = Limits::of(&capabilities);
         let steps = self.options.watchdog_s.map_or(0.0, |s| (s / WATCHDOG_STEP_S).round().clamp(1.0, 255.0));

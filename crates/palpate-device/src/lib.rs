@@ -24,8 +24,10 @@ mod device;
 mod dhd;
 mod error;
 mod frame;
+mod latest;
 mod library;
 mod limit;
+mod openhaptics;
 pub mod presets;
 pub mod simulated;
 
@@ -33,4 +35,5 @@ pub use capabilities::{Basis, Capabilities, Figure, Freedom, Mechanics, Pace, Ra
 pub use device::{Command, Device, Pose, Sample, Status};
 pub use dhd::{Dhd, DhdOptions};
 pub use error::{Fault, OpenError};
+pub use openhaptics::{OpenHaptics, OpenHapticsOptions};
 pub use simulated::Simulated;

@@ -69,14 +69,14 @@ pub(crate) unsafe fn symbol<T: Copy>(library: &Library, name: &'static str) -> R
 /// keep what they are pointed to, and are called where it is seen what that is.
 macro_rules! prototypes {
     (
-        $(#[$doc:meta])* $name:ident
+        $(#[$doc:meta])* $seen:vis $name:ident
         plain { $($plain:ident = $plain_symbol:ident($($argument:ident: $type:ty),*) $(-> $result:ty)?;)* }
         raw { $($raw:ident = $raw_symbol:ident($($raw_type:ty),*) $(-> $raw_result:ty)?;)* }
         optional { $($may:ident = $may_symbol:ident($($may_type:ty),*) $(-> $may_result:ty)?;)* }
     ) => {
         $(#[$doc])*
         #[derive(Debug)]
-        struct $name {
+        $seen struct $name {
             $($plain: unsafe extern "C" fn($($type),*) $(-> $result)?,)*
             $($raw: unsafe extern "C" fn($($raw_type),*) $(-> $raw_result)?,)*
             $($may: Option<unsafe extern "C" fn($($may_type),*) $(-> $may_result)?>,)*
@@ -88,7 +88,7 @@ macro_rules! prototypes {
         #[allow(clippy::too_many_arguments, reason = "the vendor's function has so many")]
         impl $name {
             /// Looks all names up; the error is the name that is missing.
-            fn of(library: libloading::Library) -> Result<Self, &'static str> {
+            $seen fn of(library: libloading::Library) -> Result<Self, &'static str> {
                 // SAFETY: the prototypes are the vendor's, and the library stays open beside them.
                 unsafe {
                     Ok($name {
@@ -100,7 +100,7 @@ macro_rules! prototypes {
                 }
             }
 
-            $(fn $plain(&self $(, $argument: $type)*) $(-> $result)? {
+            $($seen fn $plain(&self $(, $argument: $type)*) $(-> $result)? {
                 // SAFETY: the prototype is the vendor's, the library is open, and nothing is pointed to.
                 unsafe { (self.$plain)($($argument),*) }
             })*

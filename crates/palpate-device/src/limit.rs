@@ -42,26 +42,19 @@ fn held(v: [f64; 3], most: f64) -> ([f64; 3], bool) {
     (v.to_array(), cut)
 }
 
-/// Puts the user's own figure in the place of `figure`.
+/// The user's own largest force, if any.
 ///
 /// # Errors
 /// It is not above 0.
-pub(crate) fn override_by_user(
-    device: &str,
-    what: &str,
-    figure: &mut Figure,
-    value: Option<f64>,
-) -> Result<(), OpenError> {
-    let Some(value) = value else { return Ok(()) };
-    if !(value > 0.0 && value.is_finite()) {
-        return Err(OpenError {
+pub(crate) fn of_user(device: &str, max_force_n: Option<f64>) -> Result<Option<Figure>, OpenError> {
+    match max_force_n {
+        Some(most) if !(most > 0.0 && most.is_finite()) => Err(OpenError {
             device: device.into(),
-            problem: format!("{what} is {value}"),
+            problem: format!("the largest force is {most} N"),
             mend: "give a number above 0".into(),
-        });
+        }),
+        most => Ok(most.map(|most| Figure::stated(most, "the user"))),
     }
-    *figure = Figure::stated(value, "the user");
-    Ok(())
 }
 
 #[cfg(test)]
