@@ -37,6 +37,11 @@ pub trait Device: Send {
     /// Renders no force and disconnects. Does nothing on a device that is not open.
     fn close(&mut self);
 
+    /// What the user should know of an open device: settings that it refused. Empty for most.
+    fn notes(&self) -> &[String] {
+        &[]
+    }
+
     /// A fault in words, with the vendor's text where there is one. Not for the loop.
     fn explain(&self, fault: Fault) -> String {
         fault.to_string()

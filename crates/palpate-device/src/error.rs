@@ -21,6 +21,9 @@ pub enum Fault {
     /// The device, its library's connection or its service is gone.
     #[error("the device is gone")]
     Disconnected,
+    /// A replay is over: there are no more poses, and nothing is wrong.
+    #[error("the recording has ended")]
+    Ended,
     /// The device did not answer within the bound that its driver gives it.
     #[error("the device did not answer in time")]
     TimedOut,

@@ -21,11 +21,19 @@
 
 mod capabilities;
 mod device;
+mod dhd;
 mod error;
+mod frame;
+mod latest;
+mod library;
+mod limit;
+mod openhaptics;
 pub mod presets;
 pub mod simulated;
 
 pub use capabilities::{Basis, Capabilities, Figure, Freedom, Mechanics, Pace, Rates, Workspace};
 pub use device::{Command, Device, Pose, Sample, Status};
+pub use dhd::{Dhd, DhdOptions};
 pub use error::{Fault, OpenError};
+pub use openhaptics::{OpenHaptics, OpenHapticsOptions};
 pub use simulated::Simulated;

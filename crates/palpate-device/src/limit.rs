@@ -1,0 +1,78 @@
+//! The last gate before a vendor's call: whatever comes, what leaves is finite and within the device's limits.
+
+use crate::{Capabilities, Command, Figure, OpenError};
+use glam::DVec3;
+
+/// The lengths that a driver lets through.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Limits {
+    /// N.
+    force: f64,
+    /// N·m; 0 where rotations are not driven.
+    torque: f64,
+}
+
+impl Limits {
+    /// Nothing passes.
+    pub const NONE: Limits = Limits { force: 0.0, torque: 0.0 };
+
+    pub fn of(capabilities: &Capabilities) -> Self {
+        Limits {
+            force: capabilities.max_force_n.value,
+            torque: capabilities.max_torque_nm.as_ref().map_or(0.0, |t| t.value),
+        }
+    }
+
+    /// The command, cut to the limits, and whether its force had to be: nothing in place of what is no number.
+    pub fn hold(self, command: &Command) -> (Command, bool) {
+        let (force_n, cut) = held(command.force_n, self.force);
+        let (torque_nm, _) = held(command.torque_nm, self.torque);
+        (Command { force_n, torque_nm }, cut)
+    }
+}
+
+fn held(v: [f64; 3], most: f64) -> ([f64; 3], bool) {
+    let v = DVec3::from_array(v);
+    if !v.is_finite() {
+        return ([0.0; 3], true);
+    }
+    // The length of a huge vector is infinite, and a vector divided by that is nothing: safe as well.
+    let cut = v.length() > most;
+    let v = if cut { v * (most / v.length()) } else { v };
+    (v.to_array(), cut)
+}
+
+/// The user's own largest force, if any.
+///
+/// # Errors
+/// It is not above 0.
+pub(crate) fn of_user(device: &str, max_force_n: Option<f64>) -> Result<Option<Figure>, OpenError> {
+    match max_force_n {
+        Some(most) if !(most > 0.0 && most.is_finite()) => Err(OpenError {
+            device: device.into(),
+            problem: format!("the largest force is {most} N"),
+            mend: "give a number above 0".into(),
+        }),
+        most => Ok(most.map(|most| Figure::stated(most, "the user"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_leaves_above_the_limits() {
+        let limits = Limits { force: 2.5, torque: 0.0 };
+        let hold = |force_n| limits.hold(&Command { force_n, torque_nm: [0.0, 1.0, 0.0] });
+        assert_eq!(
+            hold([0.0, 0.0, 1.5]),
+            (Command { force_n: [0.0, 0.0, 1.5], ..Command::default() }, false)
+        );
+        assert_eq!(hold([0.0, 3.0, 4.0]).0.force_n, [0.0, 1.5, 2.0]);
+        for wild in [[f64::NAN, 0.0, 0.0], [0.0, f64::INFINITY, 0.0], [1e300, 1e300, 1e300]] {
+            let (command, cut) = hold(wild);
+            assert!(cut && DVec3::from_array(command.force_n).length() <= 2.5, "{command:?}");
+        }
+    }
+}
