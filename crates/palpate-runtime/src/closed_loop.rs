@@ -133,9 +133,22 @@ impl HapticLoop {
     /// # Real-time
     /// As bounded as the device's `read` and `write`.
     pub fn period(&mut self, body: &Body, device: &mut dyn Device, now_s: f64) -> Period {
+        self.period_with(device, now_s, |contact, pose| contact.step(body, pose))
+    }
+
+    /// The same, where `step` is what steps the contact: on a part of the body, say.
+    ///
+    /// # Real-time
+    /// As bounded as `step` and the device's `read` and `write`.
+    pub fn period_with(
+        &mut self,
+        device: &mut dyn Device,
+        now_s: f64,
+        step: impl FnOnce(&mut Contact, &ToolPose) -> Output,
+    ) -> Period {
         let mut flags = StageFlags::default();
         let unread = self.read(device, now_s, &mut flags).err();
-        let output = self.render(body, &mut flags);
+        let output = self.render(step, &mut flags);
         let command = self.command(now_s, &output, &mut flags);
         let unwritten = self.write(device, &command, &mut flags).err();
         self.counts.add(flags);
@@ -172,7 +185,11 @@ impl HapticLoop {
     }
 
     /// The engine's answer at the mapped pose, or at the virtual tool that follows it.
-    fn render(&mut self, body: &Body, flags: &mut StageFlags) -> Output {
+    fn render(
+        &mut self,
+        step: impl FnOnce(&mut Contact, &ToolPose) -> Output,
+        flags: &mut StageFlags,
+    ) -> Output {
         if !flags.has(StageFlags::STEPPED) {
             return Output { energy: *self.contact.energy(), ..Output::default() };
         }
@@ -181,7 +198,7 @@ impl HapticLoop {
         if let Some(coupling) = &mut self.stages.coupling {
             pose.position_m = coupling.tool(DVec3::from_array(pose.position_m)).to_array();
         }
-        let output = self.contact.step(body, &pose);
+        let output = step(&mut self.contact, &pose);
         self.port.pass(DVec3::from_array(pose.position_m), DVec3::from_array(output.force_n));
         self.last.1 = pose;
         output
