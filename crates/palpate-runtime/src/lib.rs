@@ -1,11 +1,13 @@
 //! The haptic loop: where a device, a body and the engine meet.
 //!
-//! A [`HapticLoop`] holds all that evolves from period to period; [`HapticLoop::step`] is one period: read the pose,
-//! map it, step the engine, pass the output stages, write the force. It keeps no clock: the caller says what time it is,
-//! so the same loop runs against a clock or, with a [`Simulated`](palpate_device::Simulated) device, in virtual time, as
+//! A [`HapticLoop`] holds all that evolves from period to period; [`HapticLoop::period`] is one: read the pose, map it,
+//! step the engine, pass the output [`Stages`], write the force. It keeps no clock: the caller says what time it is, so
+//! the same loop runs against a clock or, with a [`Simulated`](palpate_device::Simulated) device, in virtual time, as
 //! fast as the machine can.
 //!
-//! [`Cycle`] tells afterwards whether a motion was at rest or cycled.
+//! [`Safety`] makes the stages for a device that somebody holds. A [`Record`] keeps what a period saw and did; it goes
+//! through a [`ring`] to a [`Scribe`], which counts and writes. [`Cycle`] tells afterwards whether a motion was at rest or
+//! cycled.
 //!
 //! ```
 //! # use palpate_body::{*, shape::Shape};
@@ -35,7 +37,7 @@
 //! ```
 //!
 //! # Real-time
-//! `step` never allocates, locks, logs, or reads a clock or a file, as far as the device's `read` and `write` don't.
+//! `period` never allocates, locks, logs, or reads a clock or a file, as far as the device's `read` and `write` don't.
 
 /// What the exchange is made of: under loom, in the tests, it is loom's.
 mod atomic {

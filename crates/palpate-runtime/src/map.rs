@@ -1,7 +1,8 @@
 //! From the device's workspace to the body's frame, and back for forces.
 
+use crate::SafetyError;
 use glam::{DQuat, DVec3};
-use palpate_device::{Pose, Sample};
+use palpate_device::{Capabilities, Pose, Sample};
 use palpate_engine::ToolPose;
 
 /// point_in_body = offset + scale · R · point_in_device.
@@ -25,6 +26,36 @@ impl Default for WorkspaceMap {
 }
 
 impl WorkspaceMap {
+    /// The map with its rotation made a unit again, if it can be used with this device.
+    ///
+    /// # Errors
+    /// A number that is not finite, a scale that is not above 0, a rotation of no length, a button that is not there.
+    pub fn checked(self, device: &Capabilities) -> Result<Self, SafetyError> {
+        let error =
+            |setting, problem: String, mend: &str| SafetyError { setting, problem, mend: mend.into() };
+        if !(1e-3..=1e3).contains(&self.scale) {
+            let problem = format!("{} is not between 0.001 and 1000", self.scale);
+            return Err(error("scale", problem, "give a number in between"));
+        }
+        // Beyond a kilometre a pose loses the engine's precision.
+        if !(self.offset_m.abs().max_element() <= 1e3) {
+            let problem = format!("{} holds no number, or one beyond 1000 m", self.offset_m);
+            return Err(error("offset_m", problem, "give three numbers in metres"));
+        }
+        let length = self.rotation.length();
+        if !(0.5..=2.0).contains(&length) {
+            let problem = format!("{} is no rotation: its length is {length}, not 1", self.rotation);
+            return Err(error("rotation", problem, "give a unit quaternion"));
+        }
+        let buttons = device.buttons.min(32);
+        if let Some(button) = self.clutch.filter(|button| *button >= buttons) {
+            let problem =
+                format!("{} has {buttons} buttons, counted from 0, and no button {button}", device.name);
+            return Err(error("clutch", problem, "name another one, or none"));
+        }
+        Ok(WorkspaceMap { rotation: self.rotation.normalize(), ..self })
+    }
+
     /// A device's pose as the body sees it.
     pub fn body_from_device(&self, pose: &Pose) -> ToolPose {
         let position = self.offset_m + self.rotation * DVec3::from_array(pose.position_m) * self.scale;
@@ -117,6 +148,23 @@ mod tests {
         let pose = map.body_from_device(&sample([0.1, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], 0).pose);
         assert!(DVec3::from_array(pose.position_m).distance(DVec3::new(0.0, 0.2, 1.0)) < 1e-15);
         assert!(map.device_from_body(DVec3::Y).distance(DVec3::X) < 1e-15);
+    }
+
+    #[test]
+    fn a_map_that_cant_be_is_refused() {
+        let device = palpate_device::presets::device("touch").unwrap();
+        let map = WorkspaceMap { clutch: Some(0), ..WorkspaceMap::default() };
+        assert_eq!(map.checked(&device), Ok(map));
+        let wrong = [
+            (WorkspaceMap { scale: -1.0, ..map }, "scale"),
+            (WorkspaceMap { scale: f64::NAN, ..map }, "scale"),
+            (WorkspaceMap { offset_m: DVec3::NAN, ..map }, "offset_m"),
+            (WorkspaceMap { rotation: DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0), ..map }, "rotation"),
+            (WorkspaceMap { clutch: Some(1), ..map }, "clutch"),
+        ];
+        for (map, setting) in wrong {
+            assert_eq!(map.checked(&device).unwrap_err().setting, setting);
+        }
     }
 
     /// Pressed, moved and turned, released: the body's side stands still and then goes on from where it was.

@@ -77,6 +77,8 @@ fn what_is_written_comes_back_to_the_bit() {
     let (back, ending) = read(&file(&records, true)).unwrap();
     assert!(back.len() == 500 && back.iter().zip(&records).all(|(a, b)| same(a, b)));
     assert_eq!(ending, Ending::Clean { reason: "asked to stop".into(), dropped: 7 });
+    let wrong = RecordingFile::begin(Vec::new(), &Header { rate_hz: f64::NAN, ..header() });
+    assert!(wrong.unwrap_err().to_string().contains("no number"));
     // A reason that is too long is cut between two letters.
     let mut bytes = Vec::new();
     RecordingFile::begin(&mut bytes, &header()).unwrap().end(&"ä".repeat(1000), 0, 0).unwrap();

@@ -9,9 +9,11 @@ use glam::{DQuat, DVec3};
 use palpate_body::Body;
 use palpate_body::shape::Shape;
 use palpate_device::simulated::{Hand, Move, Script};
-use palpate_device::{Command, Device, Figure, Simulated, presets};
+use palpate_device::{
+    Capabilities, Command, Device, Fault, Figure, OpenError, Pose, Sample, Simulated, presets,
+};
 use palpate_engine::Contact;
-use palpate_runtime::{Coupling, HapticLoop, Safety, StageCounts, StageFlags, WorkspaceMap};
+use palpate_runtime::{Coupling, HapticLoop, Period, Safety, StageCounts, StageFlags, WorkspaceMap};
 
 const RUNS: u64 = 1000;
 const PERIODS: u32 = 250;
@@ -166,4 +168,93 @@ fn no_force_and_no_step_above_the_limits_whatever_goes_wrong() {
     }
     assert!(tally.touching > 20_000, "{tally:?}");
     assert!(tally.force > 0.999 && tally.step > 0.999, "nothing came near the limits: {tally:?}");
+}
+
+/// A handle that is pressed 6.5 mm into a plane and does what a test says.
+struct Handle {
+    capabilities: Capabilities,
+    cause: Option<Cause>,
+    moved: f64,
+}
+
+/// What asks for silence.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Cause {
+    NoNumber,
+    Jump,
+    Unread,
+    Clutch,
+    Stop,
+}
+
+impl Device for Handle {
+    fn capabilities(&self) -> &Capabilities {
+        &self.capabilities
+    }
+    fn open(&mut self) -> Result<(), OpenError> {
+        Ok(())
+    }
+    fn read(&mut self, _: f64) -> Result<Sample, Fault> {
+        let z = match self.cause {
+            Some(Cause::NoNumber) => f64::NAN,
+            Some(Cause::Jump) => 0.1,
+            Some(Cause::Unread) => return Err(Fault::TimedOut),
+            _ => -6.5e-3,
+        };
+        let pose = Pose { position_m: [1e-3 + self.moved, 2e-3, z], ..Pose::default() };
+        Ok(Sample { pose, buttons: u32::from(self.cause == Some(Cause::Clutch)), ..Sample::default() })
+    }
+    fn write(&mut self, _: &Command) -> Result<(), Fault> {
+        Ok(())
+    }
+    fn close(&mut self) {}
+}
+
+/// Every cause of silence is silent within two periods; afterwards the force grows in over the soft start to what it was.
+#[test]
+fn each_cause_is_silent_in_time_and_the_force_grows_in_again() {
+    let body = plane(600.0, 500.0, 0.3);
+    for cause in [Cause::NoNumber, Cause::Jump, Cause::Unread, Cause::Clutch, Cause::Stop] {
+        let capabilities = presets::device("touch").unwrap();
+        let safety = Safety { soft_start_s: 0.05, ..Safety::default() };
+        let stages = safety.stages(&capabilities, 1000.0).unwrap();
+        let map = WorkspaceMap { clutch: Some(0), ..WorkspaceMap::default() };
+        let mut handle = Handle { capabilities, cause: None, moved: 0.0 };
+        let mut haptics = HapticLoop::new(Contact::new(&body), map, stages);
+        let mut now = 0.0;
+        let mut period = |haptics: &mut HapticLoop, handle: &mut Handle| {
+            now += 1e-3;
+            haptics.period(&body, handle, now)
+        };
+        // Comes from outside.
+        handle.cause = Some(Cause::Jump);
+        period(&mut haptics, &mut handle);
+        handle.cause = None;
+        let force = |p: Period| DVec3::from_array(p.command.force_n).length();
+        let before: Vec<Period> = (0..100).map(|_| period(&mut haptics, &mut handle)).collect();
+        let full = force(before[99]);
+        assert!(full > 2.4, "{cause:?}: {full}");
+        let pose = before[99].pose;
+        handle.cause = Some(cause);
+        if cause == Cause::Stop {
+            haptics.stop();
+        }
+        for k in 0..8 {
+            if cause == Cause::Clutch && k > 0 {
+                handle.moved += 1e-3;
+            }
+            let silent = period(&mut haptics, &mut handle);
+            // From above half of the limit it takes two periods.
+            assert_eq!(silent.command == Command::default(), k > 0, "{cause:?}, {k}: {:?}", silent.command);
+            assert_eq!(silent.pose, pose, "{cause:?}");
+        }
+        handle.cause = None;
+        haptics.resume();
+        let after: Vec<Period> = (0..60).map(|_| period(&mut haptics, &mut handle)).collect();
+        for (k, &after) in after.iter().enumerate() {
+            let most = full * (0.02 * (k + 1) as f64).min(1.0);
+            assert!(force(after) <= most + 1e-9, "{cause:?}, {k}: {} of {most}", force(after));
+        }
+        assert!((force(after[59]) - full).abs() < 1e-9, "{cause:?}");
+    }
 }

@@ -24,6 +24,7 @@ pub(super) const REASON: (usize, usize) = (48, 512);
 
 /// What a recording is of: enough to play it again.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Header {
     /// The program that wrote it, with its version.
     pub program: String,
@@ -148,11 +149,13 @@ impl<W: Write> RecordingFile<W> {
             recording: header.clone(),
         };
         let json = serde_json::to_vec(&envelope)?;
+        let refused = |what| Err(io::Error::new(io::ErrorKind::InvalidInput, what));
         if json.len() > HEADER_MAX as usize {
-            return Err(io::Error::new(
-                io::ErrorKind::InvalidInput,
-                "the recording's header is beyond 1 MiB",
-            ));
+            return refused("the recording's header is beyond 1 MiB");
+        }
+        // JSON has no word for what is no number.
+        if !serde_json::from_slice::<Envelope>(&json).is_ok_and(|back| back.recording == *header) {
+            return refused("the recording's header holds what is no number");
         }
         let crc = crc32fast::hash(&json);
         let parts: [&[u8]; 5] =

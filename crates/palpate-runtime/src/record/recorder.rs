@@ -169,57 +169,61 @@ impl Drop for Scribe {
 
 /// The thread.
 fn scribe<W: Write>(mut records: Records, file: Option<RecordingFile<W>>, shared: &Shared) {
-    let mut file = file;
-    let mut flushed = Instant::now();
+    let mut pen = Pen { file, written: 0, flushed: Instant::now() };
+    let mut batch = Vec::new();
     loop {
         // Asked before: what was pushed before the stop is in the ring.
         let last = shared.stop.load(Ordering::Acquire) || records.consumer.is_abandoned();
-        let mut state = shared.state();
-        for _ in 0..records.consumer.slots() {
-            let Ok(record) = records.consumer.pop() else { break };
-            state.statistics.add(&record);
-            state.keep(&mut file, |file| file.write(&record));
-            state.written += u64::from(file.is_some());
+        batch.clear();
+        batch.extend((0..records.consumer.slots()).filter_map(|_| records.consumer.pop().ok()));
+        let reason = {
+            let mut state = shared.state();
+            batch.iter().for_each(|record| state.statistics.add(record));
+            last.then(|| state.reason.clone())
+        };
+        // Outside of the lock: a disk may take its time.
+        let mut result = pen.write(&batch);
+        if let (Ok(()), Some(reason)) = (&result, &reason) {
+            result = pen.end(reason, records.dropped.load(Ordering::Relaxed));
         }
-        let (reason, written) = (state.reason.clone(), state.written);
+        let mut state = shared.state();
+        state.written = pen.written;
+        if let Err(error) = result {
+            pen.file = None;
+            state
+                .trouble
+                .get_or_insert((format!("the recording ends here, the loop goes on: {error}"), false));
+        }
         drop(state);
         if last {
-            let dropped = records.dropped.load(Ordering::Relaxed);
-            let ended = file.map(|file| file.end(&reason, written, dropped));
-            if let Some(Err(error)) = ended {
-                shared.state().note(&error);
-            }
             return;
-        }
-        if flushed.elapsed() >= FLUSH {
-            // Outside of the lock: a disk may take its time.
-            let result = file.as_mut().map(RecordingFile::flush);
-            if let Some(Err(error)) = result {
-                shared.state().note(&error);
-                file = None;
-            }
-            flushed = Instant::now();
         }
         thread::sleep(PAUSE);
     }
 }
 
-impl State {
-    /// Does `what` to the file, and lets go of it if that fails.
-    fn keep<W>(
-        &mut self,
-        file: &mut Option<RecordingFile<W>>,
-        what: impl FnOnce(&mut RecordingFile<W>) -> io::Result<()>,
-    ) {
-        if let Some(Err(error)) = file.as_mut().map(what) {
-            self.note(&error);
-            *file = None;
+/// The file, if there is one and its disk did not fail.
+struct Pen<W> {
+    file: Option<RecordingFile<W>>,
+    written: u64,
+    flushed: Instant,
+}
+
+impl<W: Write> Pen<W> {
+    fn write(&mut self, batch: &[Record]) -> io::Result<()> {
+        let Some(file) = &mut self.file else { return Ok(()) };
+        for record in batch {
+            file.write(record)?;
+            self.written += 1;
         }
+        if self.flushed.elapsed() >= FLUSH {
+            file.flush()?;
+            self.flushed = Instant::now();
+        }
+        Ok(())
     }
 
-    fn note(&mut self, error: &io::Error) {
-        let what =
-            format!("the recording ends here, the loop goes on: {error}; free the disk for the next one");
-        self.trouble.get_or_insert((what, false));
+    fn end(&mut self, reason: &str, dropped: u64) -> io::Result<()> {
+        self.file.take().map_or(Ok(()), |file| file.end(reason, self.written, dropped).map(drop))
     }
 }
