@@ -302,6 +302,7 @@ impl Record {
             3 => Fault::TimedOut,
             4 => Fault::Garbled,
             5 => Fault::Code(self.fault_code),
+            6 => Fault::Ended,
             _ => return None,
         })
     }
@@ -315,6 +316,7 @@ fn fault_to(fault: Option<Fault>) -> (u32, i64) {
         Some(Fault::TimedOut) => (3, 0),
         Some(Fault::Garbled) => (4, 0),
         Some(Fault::Code(code)) => (5, code),
+        Some(Fault::Ended) => (6, 0),
     }
 }
 
@@ -380,8 +382,14 @@ mod tests {
             let record = Record { engine_flags: 1 << i, ..Record::zeroed() };
             assert_eq!(bits(engine_flags(&record.engine())), 1 << i);
         }
-        let faults =
-            [Fault::NotOpen, Fault::Disconnected, Fault::TimedOut, Fault::Garbled, Fault::Code(i64::MIN)];
+        let faults = [
+            Fault::NotOpen,
+            Fault::Disconnected,
+            Fault::TimedOut,
+            Fault::Garbled,
+            Fault::Code(i64::MIN),
+            Fault::Ended,
+        ];
         for expected in faults.map(Some).into_iter().chain([None]) {
             let (fault, fault_code) = fault_to(expected);
             assert_eq!(Record { fault, fault_code, ..Record::zeroed() }.fault(), expected);

@@ -16,7 +16,7 @@ use crate::record::{Record, Recorder};
 use crate::watch::{Alarm, End, Patience, Watch};
 use crate::{HapticLoop, PageFaults, StageFlags, Timed};
 use palpate_body::Body;
-use palpate_device::{Command, Device, OpenError, Pace};
+use palpate_device::{Command, Device, Fault, OpenError, Pace};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -247,6 +247,7 @@ impl Haptic {
             Ok(Stop::Done) => End::Done,
             Ok(Stop::Asked) => End::Asked(self.shared.by.get().copied().unwrap_or("it was stopped")),
             Ok(Stop::FinderDead) => End::FinderDead,
+            Ok(Stop::Alarm(Alarm::Fault(Fault::Ended))) => End::Ended,
             Ok(Stop::Alarm(Alarm::Fault(fault))) => End::Device(device.explain(fault)),
             Ok(Stop::Alarm(Alarm::Stale(s))) => End::Stale(s),
             Ok(Stop::Alarm(Alarm::Late(s))) => End::Late(s),

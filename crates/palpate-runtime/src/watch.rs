@@ -27,6 +27,8 @@ impl Default for Patience {
 pub enum End {
     /// Its time was over.
     Done,
+    /// The device had no more poses: a replay's end.
+    Ended,
     /// Somebody asked for it.
     Asked(&'static str),
     /// The device: in its words.
@@ -46,7 +48,7 @@ pub enum End {
 impl End {
     /// Whether it went as it should.
     pub fn is_well(&self) -> bool {
-        matches!(self, End::Done | End::Asked(_))
+        matches!(self, End::Done | End::Ended | End::Asked(_))
     }
 }
 
@@ -54,6 +56,7 @@ impl fmt::Display for End {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             End::Done => write!(f, "the time is over"),
+            End::Ended => write!(f, "the device's poses are at their end"),
             End::Asked(by) => write!(f, "{by}"),
             End::Device(words) => write!(f, "{words}"),
             End::Stale(s) => write!(f, "the device has had no new pose for {s:.3} s"),
