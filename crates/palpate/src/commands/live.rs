@@ -1,0 +1,176 @@
+//! `palpate run` against the clock.
+
+use super::Failure;
+use super::run::{Args, DeviceName};
+use crate::intent::Intent;
+use crate::live::{self, Hold, Place, Plan};
+use crate::{console, files};
+use anyhow::{Result, anyhow, bail};
+use glam::DVec3;
+use palpate_body::Body;
+use palpate_device::{
+    Dhd, DhdOptions, Haply, HaplyOptions, OpenHaptics, OpenHapticsOptions, presets,
+};
+use palpate_engine::Ablation;
+use palpate_runtime::{Safety, Settings};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Options of a loop against the clock.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Against the clock")]
+pub struct LiveArgs {
+    /// Never a larger force than this, N; the device's own limit where that is lower
+    #[arg(long, value_name = "N")]
+    force_max_n: Option<f64>,
+    /// Never a faster change of the force; at least half of the largest force a period, the default
+    #[arg(long, value_name = "N/S")]
+    slew_n_per_s: Option<f64>,
+    /// How long the force takes to grow in, s [default: 0.5]
+    #[arg(long, value_name = "S")]
+    soft_start_s: Option<f64>,
+    /// Damping besides the device's own, N·s/m
+    #[arg(long, value_name = "B")]
+    damping_n_s_per_m: Option<f64>,
+    /// How much longer a way is in the body than at the device [default: 1]
+    #[arg(long, value_name = "X")]
+    scale: Option<f64>,
+    /// Where the device's origin is in the body's frame, mm; without it, the tool begins 20 mm above the body's top
+    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 3, allow_hyphen_values = true)]
+    offset_mm: Option<Vec<f64>>,
+    /// How the device's frame is turned in the body's: a unit quaternion
+    #[arg(long, value_name = "W,X,Y,Z", value_delimiter = ',', num_args = 4, allow_hyphen_values = true)]
+    rotation: Option<Vec<f64>>,
+    /// Button that lifts the tool off while it is held, as a mouse is lifted; counted from 0
+    #[arg(long, value_name = "N")]
+    clutch_button: Option<u32>,
+    /// Priority of the haptic thread (SCHED_FIFO), 1 to 98; 0 asks for nothing
+    #[arg(long, value_name = "N", default_value_t = 80)]
+    priority: u8,
+    /// Elements of the patch that the haptic thread works on
+    #[arg(long, value_name = "N", default_value_t = palpate_runtime::PATCH_ELEMENTS)]
+    patch_elements: usize,
+    /// The vendor's library, where it is not found by its usual names
+    #[arg(long, value_name = "FILE")]
+    device_library: Option<PathBuf>,
+    /// Haply's service, where it is not at its usual address
+    #[arg(long, value_name = "URL")]
+    device_url: Option<String>,
+    /// How the service wants its forces: versions before 3.2 want `values`
+    #[arg(long, value_name = "KEY", default_value = "vector", value_parser = ["vector", "values"])]
+    haply_force_key: String,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// See [`Failure`].
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let inputs = args.device.iter().filter_map(|d| match d {
+        DeviceName::Replay(file) => Some(file.as_path()),
+        _ => None,
+    });
+    let inputs: Vec<&Path> = inputs.chain([args.body.as_path()]).collect();
+    files::refuse_overwrite(&args.record.iter().collect::<Vec<_>>(), &inputs)?;
+    let plan = plan(args)?;
+    let body = Arc::new(Body::open(&args.body)?);
+    let holds = args.device.iter().map(|device| hold(args, device, &body)).collect::<Result<Vec<_>>>()?;
+    let told = live::run(&body, holds, &plan)?;
+    for (told, _) in &told {
+        if args.json {
+            console::text(&format!("{}\n", serde_json::to_string(told)?))?;
+        } else {
+            console::text(&told.table())?;
+        }
+    }
+    match told.iter().find(|(told, _)| !told.well) {
+        Some((told, _)) => Err(anyhow!("{}: {}", told.device, told.end).into()),
+        None => Ok(()),
+    }
+}
+
+fn plan(args: &Args) -> Result<Plan> {
+    let live = &args.live;
+    if !(args.rate_hz >= 10.0 && args.rate_hz <= 2e4) {
+        bail!("--rate-hz {}: give a rate from 10 to 20,000 Hz", args.rate_hz);
+    }
+    if !args.record.is_empty() && args.record.len() != args.device.len() {
+        bail!("--record: give as many files as devices, or none");
+    }
+    if let Some(csv) = args.record.iter().find(|f| f.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"))) {
+        bail!(
+            "--record {}: a recording is no CSV; name it otherwise, and make tables of it with `palpate export`",
+            csv.display()
+        );
+    }
+    if !(1..=1 << 20).contains(&live.patch_elements) {
+        bail!("--patch-elements {}: give a number from 1 to 1,048,576", live.patch_elements);
+    }
+    if live.priority > 98 {
+        bail!("--priority {}: give one from 0 to 98", live.priority);
+    }
+    let mut settings = Settings::new(args.rate_hz);
+    settings.seconds = args.seconds;
+    settings.patch_elements = live.patch_elements;
+    settings.real_time.priority = (live.priority > 0).then_some(live.priority);
+    settings.real_time.own_core = live.priority > 0;
+    let default = Safety::default();
+    let safety = Safety {
+        damping_n_s_per_m: live.damping_n_s_per_m.unwrap_or(0.0),
+        passivity: args.passivity,
+        soft_start_s: live.soft_start_s.unwrap_or(default.soft_start_s),
+        force_max_n: live.force_max_n,
+        slew_n_per_s: live.slew_n_per_s,
+        ..default
+    };
+    let place = Place {
+        scale: live.scale,
+        offset_m: live.offset_mm.as_deref().map(|mm| DVec3::from_slice(mm) * 1e-3),
+        rotation: live.rotation.as_deref().and_then(|q| q.try_into().ok()),
+        clutch: live.clutch_button,
+    };
+    Ok(Plan {
+        body: args.body.clone(),
+        settings,
+        safety,
+        slip: args.slip.map(super::Slip::rule),
+        ablation: args.ablate.map_or(Ablation::None, super::Ablate::ablation),
+        coupling_n_per_m: args.coupling_n_per_m,
+        place,
+        record: args.record.clone(),
+        json: args.json,
+    })
+}
+
+fn hold(args: &Args, device: &DeviceName, body: &Body) -> Result<Hold> {
+    let live = &args.live;
+    let library = live.device_library.clone();
+    let real = |device| Hold { device, map: None, seconds: None, is_replay: false };
+    Ok(match device {
+        DeviceName::Simulated(preset) => {
+            let preset = preset.as_deref().unwrap_or(&args.preset);
+            let capabilities = presets::device(preset)
+                .ok_or_else(|| anyhow!("--device simulated:{preset}: give one of {}", presets::DEVICES.join(", ")))?;
+            let (hand, _) = presets::hand(&args.hand)
+                .ok_or_else(|| anyhow!("--hand {}: give one of {}", args.hand, presets::HANDS.join(", ")))?;
+            live::simulated(body, capabilities, hand, &Intent::find(&args.intent, body)?)?
+        }
+        DeviceName::Replay(file) => live::replay(file, args.rate_hz)?,
+        DeviceName::Dhd(index) => {
+            real(Box::new(Dhd::new(DhdOptions { library, index: *index, ..DhdOptions::default() })))
+        }
+        DeviceName::OpenHaptics(name) => {
+            let name = name.clone();
+            real(Box::new(OpenHaptics::new(OpenHapticsOptions { library, name, ..OpenHapticsOptions::default() })))
+        }
+        DeviceName::Haply(id) => {
+            let default = HaplyOptions::default();
+            let options = HaplyOptions {
+                url: live.device_url.clone().unwrap_or(default.url.clone()),
+                device_id: id.clone(),
+                ..default
+            };
+            real(Box::new(Haply::new(options)))
+        }
+    })
+}

@@ -1,0 +1,387 @@
+//! Loops against the clock: devices as the command line names them, their sessions on one body, and what they tell.
+
+use crate::intent::Intent;
+use crate::path;
+use crate::{console, files};
+use anyhow::{Context, Result, anyhow, bail};
+use glam::DVec3;
+use palpate_body::{Body, SlipRule};
+use palpate_device::simulated::Hand;
+use palpate_device::{Capabilities, Device, Replay, ReplaySample, Simulated};
+use palpate_engine::{Ablation, Contact};
+use palpate_runtime::{
+    BodyFile, Coupling, End, Finished, HapticLoop, Header, Recording, RecordingFile, Report, Safety, Scribe, Session,
+    Settings, StageFlags, Summary, WorkspaceMap, ring,
+};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant, SystemTime};
+
+/// How far above the body's top the tool is put where nothing else is said, m.
+const ABOVE: f64 = 20e-3;
+/// Seconds of records that the ring holds.
+const RING_S: f64 = 2.0;
+/// Between two lines that tell how it goes, s.
+const TOLD_EVERY: Duration = Duration::from_secs(1);
+/// Between two looks at the sessions.
+const PAUSE: Duration = Duration::from_millis(20);
+
+/// A device that is to be opened, and how it goes with the body.
+pub struct Hold {
+    /// It.
+    pub device: Box<dyn Device>,
+    /// Where it works in the body's frame; `None` puts its first pose above the body's top.
+    pub map: Option<WorkspaceMap>,
+    /// How long, s, if its poses end of themselves.
+    pub seconds: Option<f64>,
+    /// Whether its poses come from a list: they may stand still, and nothing feels the force.
+    pub is_replay: bool,
+}
+
+/// What all devices have in common.
+#[derive(Debug, Clone)]
+pub struct Plan {
+    /// The body's file.
+    pub body: PathBuf,
+    /// Threads.
+    pub settings: Settings,
+    /// Output stages.
+    pub safety: Safety,
+    /// In place of the body's own.
+    pub slip: Option<SlipRule>,
+    /// Interpolations taken away.
+    pub ablation: Ablation,
+    /// A virtual coupling of this stiffness, N/m.
+    pub coupling_n_per_m: Option<f64>,
+    /// What of the map is given.
+    pub place: Place,
+    /// Files to record into, one for each device, or none.
+    pub record: Vec<PathBuf>,
+    /// Whether what is told is JSON.
+    pub json: bool,
+}
+
+/// What of a workspace map is given.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Place {
+    /// Body's way per device's way.
+    pub scale: Option<f64>,
+    /// Where the device's origin is in the body, m.
+    pub offset_m: Option<DVec3>,
+    /// w x y z, body from device.
+    pub rotation: Option<[f64; 4]>,
+    /// The clutch's button.
+    pub clutch: Option<u32>,
+}
+
+/// What is told of a loop that ended.
+#[derive(Debug, Serialize)]
+pub struct Told {
+    /// The device.
+    pub device: String,
+    /// Why it ended.
+    pub end: String,
+    /// Whether that is as it should be.
+    pub well: bool,
+    /// Hz.
+    pub rate_hz: f64,
+    /// Times, counts, energies.
+    pub statistics: Summary,
+    /// Page faults of the haptic thread after its first period.
+    pub page_faults: u64,
+    /// Steps in which the contact point waited at a patch's edge.
+    pub fenced: u64,
+    /// Records that were written.
+    pub recorded: Option<u64>,
+    /// What ended the recording early.
+    pub recording_trouble: Option<String>,
+}
+
+/// A simulated device in a hand that does as the intent says.
+///
+/// # Errors
+/// The intent does not go on this body.
+pub fn simulated(body: &Body, mut capabilities: Capabilities, hand: Hand, intent: &Intent) -> Result<Hold> {
+    intent.adjust(&mut capabilities);
+    let (place, into) = intent.place(body)?;
+    let script = intent.script(into, body.tool().radius_m)?;
+    let seconds = Some(script.duration_s());
+    let map = Some(WorkspaceMap { offset_m: place, ..WorkspaceMap::default() });
+    Ok(Hold {
+        device: Box::new(Simulated::new(capabilities, intent.hand.unwrap_or(hand), Box::new(script))),
+        map,
+        seconds,
+        is_replay: false,
+    })
+}
+
+/// A recording's device, or a Path CSV's tool in the body's frame, at `rate_hz`.
+///
+/// # Errors
+/// The file is neither; it holds no pose.
+pub fn replay(file: &Path, rate_hz: f64) -> Result<Hold> {
+    let (samples, map): (Vec<_>, _) = if is_recording(file)? {
+        let recording = Recording::open(file)?;
+        let map = recording.header().map.into();
+        let samples = recording.map(|r| ReplaySample {
+            time_s: r.time_s,
+            pose: r.sample().pose,
+            buttons: r.device_buttons,
+        });
+        (samples.collect(), map)
+    } else {
+        let waypoints = path::resample(&path::read(file)?, rate_hz)?;
+        let start = waypoints.first().map_or(0.0, |w| w.time_s);
+        let sample = |w: &path::Waypoint| ReplaySample {
+            time_s: w.time_s - start,
+            pose: palpate_device::Pose { position_m: w.pose.position_m, orientation: w.pose.orientation },
+            buttons: 0,
+        };
+        (waypoints.iter().map(sample).collect(), WorkspaceMap::default())
+    };
+    if samples.is_empty() {
+        bail!("{}: it holds no pose; record one first, or give a Path CSV", file.display());
+    }
+    Ok(Hold { device: Box::new(Replay::new(samples)), map: Some(map), seconds: None, is_replay: true })
+}
+
+/// Whether a file begins as a recording does.
+///
+/// # Errors
+/// It can't be read.
+pub fn is_recording(file: &Path) -> Result<bool> {
+    use std::io::Read;
+    let mut first = [0; 8];
+    let read = std::fs::File::open(file).and_then(|mut f| f.read(&mut first));
+    let read = read.with_context(|| format!("{}: can't be read; check the path and its permissions", file.display()))?;
+    Ok(read == first.len() && first == palpate_runtime::RECORDING_MAGIC)
+}
+
+/// A session with all that belongs to it.
+struct Running {
+    session: Option<Session>,
+    scribe: Scribe,
+    device: String,
+}
+
+/// Runs all devices on the body until each has ended, or one has ended badly, or a signal comes.
+///
+/// # Errors
+/// What can't be begun: a device, a recording, a setting. Everything that was begun is ended then.
+pub fn run(body: &Arc<Body>, holds: Vec<Hold>, plan: &Plan) -> Result<Vec<(Told, End)>> {
+    let stop = signals()?;
+    let count = holds.len();
+    let mut running = Vec::new();
+    for (i, hold) in holds.into_iter().enumerate() {
+        running.push(begin(body, hold, plan, plan.record.get(i))?);
+    }
+    let mut told = Instant::now();
+    let mut ended: Vec<Option<Report>> = (0..count).map(|_| None).collect();
+    while running.iter().any(|r| r.session.is_some()) {
+        std::thread::sleep(PAUSE);
+        let mut bad = stop.load(Ordering::Relaxed).then_some("a signal asked for it");
+        for (one, ended) in running.iter_mut().zip(&mut ended) {
+            if let Some(session) = one.session.take_if(|s| s.is_over()) {
+                let report = session.join();
+                bad = bad.or((!report.end.is_well()).then_some("another device's loop has ended"));
+                *ended = Some(report);
+            }
+        }
+        for session in running.iter().filter_map(|r| r.session.as_ref()) {
+            bad.into_iter().for_each(|why| session.stopper().stop(why));
+        }
+        if told.elapsed() >= TOLD_EVERY {
+            told = Instant::now();
+            running.iter().filter(|r| r.session.is_some()).try_for_each(|r| live(r, plan.json))?;
+        }
+        for one in &running {
+            one.scribe.trouble().iter().for_each(|what| console::note(&format!("{}: {what}", one.device)));
+        }
+    }
+    let finish = |(one, report): (Running, Option<Report>)| {
+        let report = report?;
+        let finished = one.scribe.finish(&report.end.to_string());
+        report.notes.iter().for_each(|n| console::note(n));
+        Some((tell(one.device, &report, finished, plan), report.end))
+    };
+    Ok(running.into_iter().zip(ended).filter_map(finish).collect())
+}
+
+/// Set at the first signal to stop; a second one ends the program.
+fn signals() -> Result<&'static AtomicBool> {
+    static STOP: AtomicBool = AtomicBool::new(false);
+    console::stop_on_signals(&STOP)?;
+    Ok(&STOP)
+}
+
+fn begin(body: &Arc<Body>, hold: Hold, plan: &Plan, record: Option<&PathBuf>) -> Result<Running> {
+    let Plan { settings, safety, coupling_n_per_m, ablation, place, .. } = plan;
+    let Hold { mut device, map, seconds, is_replay } = hold;
+    // What it can do is known once it is open; to open it twice is allowed, and costs a moment.
+    let opened = if map.is_none() { Some(first_pose(&mut *device)?) } else { None };
+    let name = device.capabilities().name.to_string();
+    let mut safety = *safety;
+    if is_replay {
+        // Nobody feels it; what is recorded should be what the body answers.
+        safety = Safety { force_max_n: safety.force_max_n.or(Some(1e3)), soft_start_s: 0.0, ..safety };
+    }
+    let mut stages = safety.stages(device.capabilities(), settings.rate_hz)?;
+    stages.coupling = coupling_n_per_m
+        .map(|k| Coupling::new(k, crate::closed_loop::stiffness_down_to(body, f64::INFINITY)));
+    let map = place.over(map, opened, body).checked(device.capabilities())?;
+    let rule = plan.slip.unwrap_or(body.slip());
+    let haptics = HapticLoop::new(Contact::with_slip(body, rule, *ablation), map, stages);
+    let (recorder, records) = ring((RING_S * settings.rate_hz) as usize);
+    let header = || -> Result<Header> {
+        Ok(Header {
+            program: concat!("palpate ", env!("CARGO_PKG_VERSION")).into(),
+            began_unix_s: SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0.0, |t| t.as_secs_f64()),
+            rate_hz: settings.rate_hz,
+            body: BodyFile {
+                name: plan.body.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
+                sha256: files::sha256(&plan.body)?,
+            },
+            slip: rule.name().into(),
+            ablation: ablation_name(*ablation).into(),
+            device: name.clone(),
+            safety: Some(safety),
+            coupling_n_per_m: *coupling_n_per_m,
+            map: map.into(),
+        })
+    };
+    let file = record.map(|path| Ok::<_, anyhow::Error>(RecordingFile::create(path, false, &header()?)?)).transpose()?;
+    let scribe = Scribe::start(records, file, settings.rate_hz)?;
+    let mut settings = *settings;
+    settings.seconds = settings.seconds.or(seconds);
+    if is_replay {
+        settings.patience.pose_s = f64::INFINITY;
+    }
+    let session = Session::start(body.clone(), device, haptics, recorder, settings)?;
+    Ok(Running { session: Some(session), scribe, device: name })
+}
+
+/// Where the handle is as the device is opened.
+fn first_pose(device: &mut dyn Device) -> Result<DVec3> {
+    device.open()?;
+    let mut sample = device.read(0.0);
+    for _ in 0..200 {
+        // Some take a moment to their first pose.
+        if sample.is_ok_and(|s| s.pose.position_m.iter().all(|x| x.is_finite())) {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+        sample = device.read(0.0);
+    }
+    let words = sample.map_err(|fault| device.explain(fault));
+    device.close();
+    let sample = words.map_err(|words| {
+        anyhow!("{}: {words}; check that it is on and homed, and start again", device.capabilities().name)
+    })?;
+    Ok(DVec3::from_array(sample.pose.position_m))
+}
+
+impl Place {
+    /// The given parts over `map`; without one, the handle's first place is put above the body's top.
+    fn over(&self, map: Option<WorkspaceMap>, first: Option<DVec3>, body: &Body) -> WorkspaceMap {
+        let mut over = map.unwrap_or_default();
+        if let Some([w, x, y, z]) = self.rotation {
+            over.rotation = glam::DQuat::from_xyzw(x, y, z, w);
+        }
+        over.scale = self.scale.unwrap_or(over.scale);
+        over.clutch = self.clutch.or(over.clutch);
+        if let Some(first) = first {
+            let above = crate::intent::top(body) + DVec3::Z * (ABOVE + body.tool().radius_m);
+            over.offset_m = above - over.rotation * first * over.scale;
+        }
+        over.offset_m = self.offset_m.unwrap_or(over.offset_m);
+        over
+    }
+}
+
+/// As `--ablate` names it.
+pub fn ablation_name(ablation: Ablation) -> &'static str {
+    match ablation {
+        Ablation::None => "none",
+        Ablation::Coordinates => "coordinates",
+        Ablation::Responses => "responses",
+        Ablation::Both => "both",
+    }
+}
+
+/// How it goes: a line of JSON, or of words.
+fn live(running: &Running, json: bool) -> Result<()> {
+    let summary = running.scribe.summary();
+    if json {
+        return console::text(&format!("{}\n", summary.line()));
+    }
+    let us = |ns: u64| ns as f64 * 1e-3;
+    console::note(&format!(
+        "{}: {:.0} s, lateness {:.0} µs (99.9 %), step {:.1} µs (99.9 %), {} overruns, stored {:.3} mJ",
+        running.device,
+        summary.time_s,
+        us(summary.lateness_ns.p99_9),
+        us(summary.step_ns.p99_9),
+        summary.overruns,
+        summary.stored_j * 1e3
+    ));
+    Ok(())
+}
+
+fn tell(device: String, report: &Report, finished: Finished, plan: &Plan) -> Told {
+    let faults = report.page_faults;
+    Told {
+        device,
+        end: report.end.to_string(),
+        well: report.end.is_well(),
+        rate_hz: plan.settings.rate_hz,
+        statistics: finished.summary,
+        page_faults: faults.minor + faults.major,
+        fenced: report.haptics.as_ref().map_or(0, |h| h.contact().counters().fenced),
+        recorded: (!plan.record.is_empty()).then_some(finished.written),
+        recording_trouble: finished.trouble,
+    }
+}
+
+impl Told {
+    /// As a table.
+    pub fn table(&self) -> String {
+        let s = &self.statistics;
+        let times = |p: &palpate_runtime::Percentiles| {
+            [p.p50, p.p99, p.p99_9, p.max].map(|ns| format!("{:.1}", ns as f64 * 1e-3)).to_vec()
+        };
+        let mut rows = vec![["", "50 %", "99 %", "99.9 %", "most"].map(String::from).to_vec()];
+        for (name, p) in [
+            ("period (µs)", &s.period_ns),
+            ("lateness (µs)", &s.lateness_ns),
+            ("step (µs)", &s.step_ns),
+            ("device's read (µs)", &s.read_ns),
+            ("device's write (µs)", &s.write_ns),
+        ] {
+            rows.push([vec![name.to_string()], times(p)].concat());
+        }
+        let mj = |j: f64| format!("{:.4} mJ", j * 1e3);
+        let mut facts = vec![
+            ("device", self.device.clone()),
+            ("ended because", self.end.clone()),
+            ("time", format!("{:.3} s at {} Hz", s.time_s, self.rate_hz)),
+            ("periods", s.periods.to_string()),
+            ("in contact", s.periods_in_contact.to_string()),
+            ("overruns", s.overruns.to_string()),
+            ("page faults after the first period", self.page_faults.to_string()),
+            ("waits for a patch", s.patch_waits.to_string()),
+            ("given out by the engine", mj(s.out_j)),
+            ("generated by slip", mj(s.generated_j)),
+            ("dissipated by slip", mj(s.dissipated_j)),
+        ];
+        facts.extend(StageFlags::NAMED.iter().filter(|(_, flag)| *flag != StageFlags::STEPPED).filter_map(
+            |(name, _)| s.stages.get(name).map(|count| (*name, format!("{count} periods"))),
+        ));
+        if let Some(recorded) = self.recorded {
+            facts.push(("recorded", format!("{recorded} periods, {} dropped", s.dropped_records)));
+        }
+        let facts: Vec<_> = facts.into_iter().map(|(name, value)| vec![name.to_string(), value]).collect();
+        format!("{}\n{}", console::table(&rows), console::table(&facts))
+    }
+}
