@@ -36,10 +36,15 @@ fn held(v: [f64; 3], most: f64) -> ([f64; 3], bool) {
     if !v.is_finite() {
         return ([0.0; 3], true);
     }
+    let length = v.length();
+    if length <= most {
+        return (v.to_array(), false);
+    }
     // The length of a huge vector is infinite, and a vector divided by that is nothing: safe as well.
-    let cut = v.length() > most;
-    let v = if cut { v * (most / v.length()) } else { v };
-    (v.to_array(), cut)
+    let v = v / length * most;
+    // Rounding must not lift it above the limit.
+    let v = if v.length() > most { v * (1.0 - 2.0 * f64::EPSILON) } else { v };
+    (v.to_array(), true)
 }
 
 /// The user's own largest force, if any.
@@ -73,6 +78,12 @@ mod tests {
         for wild in [[f64::NAN, 0.0, 0.0], [0.0, f64::INFINITY, 0.0], [1e300, 1e300, 1e300]] {
             let (command, cut) = hold(wild);
             assert!(cut && DVec3::from_array(command.force_n).length() <= 2.5, "{command:?}");
+        }
+        for k in 0..10_000 {
+            let angle = f64::from(k) * 0.1;
+            let wild = DVec3::new(libm::cos(angle), libm::sin(angle), libm::sin(7.0 * angle)) * (3.0 + angle);
+            let force = DVec3::from_array(hold(wild.to_array()).0.force_n);
+            assert!(force.length() <= 2.5 && force.length() > 2.499, "{force}");
         }
     }
 }

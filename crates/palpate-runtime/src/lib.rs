@@ -83,7 +83,7 @@ pub use passivity::PassivityController;
 pub use real_time::RealTime;
 pub use record::{
     BodyFile, CreateError, Ending, Field, Finished, Header, Map, OpenRecordingError, Record, Recorder,
-    Recording, RecordingFile, Records, Retrace, Scribe, ring,
+    Recording, RecordingFile, Records, RECORDING_MAGIC, Retrace, Scribe, ring,
 };
 pub use safety::{Safety, SafetyError};
 pub use session::{Report, Session, Settings, StartError, Stopper};

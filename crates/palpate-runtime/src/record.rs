@@ -9,6 +9,7 @@ mod reading;
 mod recorder;
 mod retrace;
 
+pub use file::MAGIC as RECORDING_MAGIC;
 pub use file::{BodyFile, CreateError, Header, Map, RecordingFile};
 pub use reading::{Ending, OpenRecordingError, Recording};
 pub use recorder::{Finished, Recorder, Records, Scribe, ring};

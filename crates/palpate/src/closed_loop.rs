@@ -210,7 +210,7 @@ fn cycles(rests: &[(f64, f64)], places: &[DVec3], rate_hz: f64) -> Vec<LimitCycl
 }
 
 /// K_max down to a depth: the table's, at the first knot as deep or deeper.
-fn stiffness_down_to(body: &Body, depth: f64) -> f64 {
+pub(crate) fn stiffness_down_to(body: &Body, depth: f64) -> f64 {
     let table = stiffness_max(body);
     let at = table.iter().find(|s| s.depth_m >= depth).or(table.last());
     at.map_or(0.0, |s| s.value)

@@ -305,7 +305,7 @@ fn built_in(name: &str, depth_m: f64) -> Option<Vec<Move>> {
 }
 
 /// The highest surface point above the middle of the nodes; of a ring, the highest node.
-fn top(body: &Body) -> DVec3 {
+pub(crate) fn top(body: &Body) -> DVec3 {
     let nodes = body.nodes();
     let middle = nodes.iter().map(|n| n.position).sum::<DVec3>() / nodes.len().max(1) as f64;
     let highest = nodes.iter().map(|n| n.position).max_by(|a, b| a.z.total_cmp(&b.z)).unwrap_or_default();

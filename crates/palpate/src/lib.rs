@@ -23,6 +23,7 @@ pub mod files;
 pub mod inspect;
 pub mod intent;
 pub mod law;
+pub mod live;
 pub mod path;
 pub mod plot;
 pub mod precompute;

@@ -14,7 +14,7 @@ const _: () =
     assert!(cfg!(target_endian = "little"), "recordings are written and read on little-endian machines");
 
 /// The first eight bytes.
-pub(super) const MAGIC: [u8; 8] = *b"palprec\n";
+pub const MAGIC: [u8; 8] = *b"palprec\n";
 /// The format's number.
 pub(super) const VERSION: u32 = 1;
 /// No header is longer, bytes.

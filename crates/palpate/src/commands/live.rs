@@ -9,7 +9,7 @@ use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
 use palpate_body::Body;
 use palpate_device::{
-    Dhd, DhdOptions, Haply, HaplyOptions, OpenHaptics, OpenHapticsOptions, presets,
+    Dhd, DhdOptions, Haply, HaplyForceKey, HaplyOptions, OpenHaptics, OpenHapticsOptions, presets,
 };
 use palpate_engine::Ablation;
 use palpate_runtime::{Safety, Settings};
@@ -168,6 +168,10 @@ fn hold(args: &Args, device: &DeviceName, body: &Body) -> Result<Hold> {
             let options = HaplyOptions {
                 url: live.device_url.clone().unwrap_or(default.url.clone()),
                 device_id: id.clone(),
+                force_key: match live.haply_force_key.as_str() {
+                    "values" => HaplyForceKey::Values,
+                    _ => HaplyForceKey::Vector,
+                },
                 ..default
             };
             real(Box::new(Haply::new(options)))

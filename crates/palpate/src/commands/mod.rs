@@ -6,6 +6,7 @@ pub mod demo;
 pub mod export;
 pub mod fit;
 pub mod inspect;
+mod live;
 pub mod merge;
 pub mod precompute;
 pub mod run;

@@ -13,65 +13,100 @@ use std::path::{Path, PathBuf};
 
 /// Close the loop: a device, a hand and a body
 ///
-/// In this version the device is simulated and the time virtual: a tool of mass, damping and friction, held by a hand
-/// that presses, drags, circles or taps, with the device's encoder, delay, amplifier and force limit between it and
-/// the engine. Deterministic, and much faster than real time.
+/// Against the clock, with one device or several on one body, until the time is over or a signal comes (Ctrl-C): a
+/// real-time thread renders the force on a patch of the body, another keeps that patch under the tool. Any fault
+/// brings the force to zero within two periods and closes the device. The summary tells lateness, step times,
+/// overruns, page faults, waits for a patch and energies; with --json, a line a second and a last one. --record writes
+/// all that the loop saw and did, which `palpate trace` repeats to the bit and `palpate export` makes tables of.
 ///
-/// The summary tells energies (of the engine's port, the ledger, the device's damping and friction, the hand), limit
-/// cycles while the hand rests, the largest step of the force, and how often the motors were at their limit.
+/// A simulated device is a tool of mass, damping and friction in a hand that presses, drags, circles or taps. With
+/// --virtual-time it runs deterministic and much faster than the clock; then the summary tells energies (of the
+/// engine's port, the ledger, the device, the hand), limit cycles while the hand rests, and the largest step of the
+/// force, and --record writes a Trace CSV.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  \
+#[command(after_help = "Examples:\n  \
+    palpate run liver.body --device dhd --force-max-n 2 --record first-touch.rec\n  \
+    palpate run liver.body --device simulated --seconds 10\n  \
     palpate run liver.body --device simulated --virtual-time --preset touch --intent drag --record drag.csv\n\n\
-    Exit status: 0 done, 1 wrong input, 2 wrong usage.")]
+    Exit status: 0 done, 1 wrong input or a device that failed, 2 wrong usage.")]
 pub struct Args {
     /// Body file
-    body: PathBuf,
-    /// What is in the hand
-    #[arg(long, value_enum)]
-    device: DeviceName,
-    /// Without a clock, as fast as the machine can: the only way in this version
-    #[arg(long, required = true)]
+    pub(super) body: PathBuf,
+    /// What is in the hand: simulated[:PRESET], dhd[:INDEX], openhaptics[:NAME], haply[:ID] or replay:FILE (a recording or
+    /// a Path CSV); may be given again for another hand
+    #[arg(long, value_name = "KIND", required = true, value_parser = DeviceName::parse)]
+    pub(super) device: Vec<DeviceName>,
+    /// A simulated device without a clock, as fast as the machine can
+    #[arg(long)]
     virtual_time: bool,
     /// Which device is simulated
     #[arg(long, value_name = "NAME", value_parser = clap::builder::PossibleValuesParser::new(presets::DEVICES),
           default_value = "touch")]
-    preset: String,
+    pub(super) preset: String,
     /// Whose hand holds it
     #[arg(long, value_name = "NAME", value_parser = clap::builder::PossibleValuesParser::new(presets::HANDS),
           default_value = "fingers")]
-    hand: String,
+    pub(super) hand: String,
     /// What the hand does: press, drag, circle, tap, hold, or a TOML file
     #[arg(long, value_name = "FILE|NAME", default_value = "drag")]
-    intent: String,
+    pub(super) intent: String,
     /// Periods a second
     #[arg(long, value_name = "N", default_value_t = 1000.0)]
-    rate_hz: f64,
-    /// How long; without it, as long as the intent
+    pub(super) rate_hz: f64,
+    /// How long; without it, as long as the intent or replay, and with a real device until a signal comes
     #[arg(long, value_name = "S")]
-    seconds: Option<f64>,
+    pub(super) seconds: Option<f64>,
     /// Interpolation to take away, as in the paper's section 5
     #[arg(long, value_enum)]
-    ablate: Option<super::Ablate>,
+    pub(super) ablate: Option<super::Ablate>,
     /// Slip rule; without it, the body's own
     #[arg(long, value_enum)]
-    slip: Option<super::Slip>,
+    pub(super) slip: Option<super::Slip>,
     /// Touch the body through a virtual coupling of this stiffness
     #[arg(long, value_name = "K")]
-    coupling_n_per_m: Option<f64>,
+    pub(super) coupling_n_per_m: Option<f64>,
     /// Let a passivity controller take back energy that the loop gives out
     #[arg(long)]
-    passivity: bool,
-    /// Trace CSV to write, as `palpate trace` does
+    pub(super) passivity: bool,
+    /// Recording to write, one for each device; in virtual time a Trace CSV, as `palpate trace` writes it
     #[arg(long, value_name = "FILE")]
-    record: Option<PathBuf>,
-    /// Print the summary as JSON
+    pub(super) record: Vec<PathBuf>,
+    /// Print what is told as JSON
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
+    #[command(flatten)]
+    pub(super) live: super::live::LiveArgs,
 }
 
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum DeviceName {
-    Simulated,
+/// A device as `--device` names it, and which one of its kind.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum DeviceName {
+    Simulated(Option<String>),
+    Dhd(Option<u8>),
+    OpenHaptics(Option<String>),
+    Haply(Option<String>),
+    Replay(PathBuf),
+}
+
+impl DeviceName {
+    fn parse(text: &str) -> Result<Self, String> {
+        let (kind, which) = text.split_once(':').map_or((text, None), |(k, w)| (k, Some(w)));
+        let name = which.map(String::from);
+        match (kind, which) {
+            (_, Some("")) => Err(format!("nothing comes after {kind}:")),
+            ("simulated", _) => Ok(DeviceName::Simulated(name)),
+            ("openhaptics", _) => Ok(DeviceName::OpenHaptics(name)),
+            ("haply", _) => Ok(DeviceName::Haply(name)),
+            ("replay", Some(file)) => Ok(DeviceName::Replay(file.into())),
+            ("replay", None) => Err("name the file: replay:FILE".into()),
+            ("dhd", None) => Ok(DeviceName::Dhd(None)),
+            ("dhd", Some(index)) => match index.parse() {
+                Ok(index) => Ok(DeviceName::Dhd(Some(index))),
+                Err(_) => Err(format!("{index} is no device's number; count from 0")),
+            },
+            _ => Err("give simulated, dhd, openhaptics, haply or replay:FILE".into()),
+        }
+    }
 }
 
 /// Runs the command.
@@ -79,13 +114,18 @@ enum DeviceName {
 /// # Errors
 /// See [`Failure`].
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let DeviceName::Simulated = args.device;
+    if !args.virtual_time {
+        return super::live::run(args);
+    }
+    if !matches!(args.device.as_slice(), [DeviceName::Simulated(_)]) || args.record.len() > 1 {
+        return Err(anyhow!("--virtual-time: give one simulated device, and at most one file to record").into());
+    }
     let inputs = [args.body.as_path(), Path::new(&args.intent)];
     files::refuse_overwrite(&args.record.iter().collect::<Vec<_>>(), &inputs)?;
     let body = Body::open(&args.body)?;
     let setup = setup(args, &body)?;
     let ablation = setup.ablation;
-    let summary = match &args.record {
+    let summary = match args.record.first() {
         None => closed_loop::run(&body, setup, |_, _| Ok(()))?,
         Some(path) => {
             let mut summary = None;
@@ -121,8 +161,12 @@ fn setup(args: &Args, body: &Body) -> anyhow::Result<Setup> {
         bail!("--coupling-n-per-m: give a stiffness above 0, up to 10,000,000 N/m");
     }
     let intent = Intent::find(&args.intent, body)?;
-    let mut capabilities = presets::device(&args.preset)
-        .ok_or_else(|| anyhow!("--preset {}: give one of {}", args.preset, presets::DEVICES.join(", ")))?;
+    let preset = match args.device.first() {
+        Some(DeviceName::Simulated(Some(preset))) => preset,
+        _ => &args.preset,
+    };
+    let mut capabilities = presets::device(preset)
+        .ok_or_else(|| anyhow!("--device simulated:{preset}: give one of {}", presets::DEVICES.join(", ")))?;
     intent.adjust(&mut capabilities);
     let (hand, _) = presets::hand(&args.hand)
         .ok_or_else(|| anyhow!("--hand {}: give one of {}", args.hand, presets::HANDS.join(", ")))?;

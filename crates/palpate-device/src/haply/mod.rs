@@ -1,0 +1,231 @@
+//! Haply's Inverse3, through the Inverse Service that Haply installs: JSON over a WebSocket on this machine.
+//!
+//! The service sends an inventory on connecting, and then one state for each message that it gets. A thread of the
+//! driver's own (`service`) talks to it; the loop's `read` and `write` only exchange the newest pose and force with that
+//! thread, wait-free, so that a service that hangs holds nobody. `write` wakes the thread, which sends the force at once,
+//! and the state that comes back is what the next `read` gives: the pose is that of the last write plus the service's
+//! round trip, so at most about one period of the loop old. `read` and `write` allocate nothing; the thread allocates for
+//! every message that it parses and sends.
+//!
+//! A force holds for one tick of the service; the thread repeats it while the loop keeps writing, and sends none when
+//! the loop falls silent ([`HaplyOptions::watchdog_s`]).
+
+mod message;
+mod service;
+
+use crate::latest::{Reader, Writer};
+use crate::limit::{self, Limits};
+use crate::{Basis, Capabilities, Command, Device, Fault, Figure, OpenError, Sample, presets};
+use service::{Link, POSE, Shared};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Where the service listens if nobody told it otherwise.
+const URL: &str = "ws://localhost:10001";
+const START: &str = "install the Haply Inverse Service (docs.haply.co) and start it (on Linux: systemctl start \
+                     haply-inverse-service), or name another address (--device-url)";
+const PLUG: &str = "connect the Inverse3 and switch it on; the service's own page says what it sees";
+/// A pose that is older, s, means that the service stands.
+const STALE_S: f64 = 0.05;
+/// How long the first pose may take.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// What the service calls the vector of a force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum HaplyForceKey {
+    /// `"vector"`: services after 3.1.
+    #[default]
+    Vector,
+    /// `"values"`: service 3.1. A service of the other kind renders nothing.
+    Values,
+}
+
+/// Which service, which device, and how.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HaplyOptions {
+    /// The service's address, `ws://HOST:PORT`.
+    pub url: String,
+    /// Of several devices the one of this id (four letters and digits); by default the first.
+    pub device_id: Option<String>,
+    /// What the service calls the vector of a force.
+    pub force_key: HaplyForceKey,
+    /// The largest force, N, in place of a guess.
+    pub max_force_n: Option<f64>,
+    /// No force is sent when the loop has written none for so long, s. 20 ms by default: many periods, and short for a hand.
+    pub watchdog_s: f64,
+}
+
+impl Default for HaplyOptions {
+    fn default() -> Self {
+        HaplyOptions {
+            url: URL.into(),
+            device_id: None,
+            force_key: HaplyForceKey::default(),
+            max_force_n: None,
+            watchdog_s: 0.02,
+        }
+    }
+}
+
+/// An Inverse3, with a VerseGrip where there is one.
+#[derive(Debug)]
+pub struct Haply {
+    options: HaplyOptions,
+    capabilities: Capabilities,
+    port: Option<Port>,
+}
+
+impl Haply {
+    /// A device that is not open yet.
+    pub fn new(options: HaplyOptions) -> Self {
+        Haply { options, capabilities: inverse3(), port: None }
+    }
+}
+
+/// Nobody states its figures where they could be read for this; the force and stiffness of the smallest device known.
+fn inverse3() -> Capabilities {
+    let mut c = presets::device("touch").expect("a preset by its own name");
+    let guess = |figure: &mut Figure, reason: &'static str| *figure = Figure::guessed(figure.value, reason);
+    c.name = "Haply Inverse3".into();
+    guess(&mut c.max_force_n, "not known: that of the smallest device in the table");
+    guess(&mut c.max_stiffness_n_per_m, "not known: that of the smallest device in the table");
+    guess(&mut c.mechanics.mass_kg, "not known: that of a Touch");
+    guess(&mut c.mechanics.coulomb_n, "not known: that of a Touch");
+    guess(&mut c.mechanics.resolution_m, "not known: that of a Touch");
+    c.mechanics.delay_s = Figure::guessed(1e-3, "the service's round trip and its tick; not measured");
+    // Before the arm, above the table.
+    c.workspace.centre_m = [0.0, -0.12, 0.16];
+    c.workspace.half_extent_m = [0.12, 0.08, 0.12];
+    c.workspace.basis = Basis::Guessed("the order of size of the arm; nobody measured it".into());
+    c.buttons = 4;
+    c.rates.most_hz = 4000.0;
+    c
+}
+
+fn error(problem: String, mend: &str) -> OpenError {
+    OpenError { device: "haply".into(), problem, mend: mend.into() }
+}
+
+impl Device for Haply {
+    fn capabilities(&self) -> &Capabilities {
+        &self.capabilities
+    }
+
+    /// Connects, reads the inventory, and asks for positions without force until the first good pose.
+    fn open(&mut self) -> Result<(), OpenError> {
+        self.close();
+        let most = limit::of_user("haply", self.options.max_force_n)?;
+        let mut socket = service::connect(&self.options.url)?;
+        let inventory = service::inventory(&mut socket, &self.options.url)?;
+        let found = message::find(&inventory, self.options.device_id.as_deref())?;
+        let mut capabilities = inverse3();
+        capabilities.name = found.name.into();
+        capabilities.sensed.rotations = if found.grip { 3 } else { 0 };
+        if let Some(most) = most {
+            capabilities.max_force_n = most;
+        }
+        let watchdog = Duration::from_secs_f64(self.options.watchdog_s.clamp(1e-3, 1e3));
+        let link = Link { socket, id: found.id, key: self.options.force_key, watchdog };
+        let (poses, forces, shared, thread) = service::spawn(link)
+            .map_err(|e| error(format!("no thread for the service: {e}"), "close other programs"))?;
+        let mut port = Port {
+            poses,
+            forces,
+            shared,
+            thread: Some(thread),
+            limits: Limits::of(&capabilities),
+            last: [f64::NAN; POSE],
+            since_s: None,
+            posed: false,
+            cut: false,
+        };
+        port.await_pose()?;
+        (self.capabilities, self.port) = (capabilities, Some(port));
+        Ok(())
+    }
+
+    fn read(&mut self, now_s: f64) -> Result<Sample, Fault> {
+        self.port.as_mut().ok_or(Fault::NotOpen)?.read(now_s)
+    }
+
+    /// Before the first good pose nothing is rendered.
+    fn write(&mut self, command: &Command) -> Result<(), Fault> {
+        let port = self.port.as_mut().ok_or(Fault::NotOpen)?;
+        if port.shared.gone() {
+            return Err(Fault::Disconnected);
+        }
+        if port.posed {
+            let (command, cut) = port.limits.hold(command);
+            port.cut = cut;
+            port.forces.put(&command.force_n);
+            port.thread.as_ref().inspect(|t| t.thread().unpark());
+        }
+        Ok(())
+    }
+
+    fn close(&mut self) {
+        self.port = None;
+    }
+}
+
+/// An open connection. Dropped, in whatever way, it sends no force, closes the socket, and ends the thread.
+#[derive(Debug)]
+struct Port {
+    poses: Reader<POSE>,
+    forces: Writer<3>,
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+    limits: Limits,
+    last: [f64; POSE],
+    /// When the loop first saw the last pose, s.
+    since_s: Option<f64>,
+    posed: bool,
+    cut: bool,
+}
+
+impl Port {
+    fn await_pose(&mut self) -> Result<(), OpenError> {
+        let start = Instant::now();
+        while start.elapsed() < PATIENCE {
+            if let Some(pose) = self.poses.take() {
+                self.last = pose;
+                return Ok(());
+            }
+            if self.shared.gone() {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let why = self.shared.fault().unwrap_or(Fault::TimedOut);
+        Err(error(format!("the service gives no position: {why}"), PLUG))
+    }
+
+    fn read(&mut self, now_s: f64) -> Result<Sample, Fault> {
+        if let Some(pose) = self.poses.take() {
+            (self.last, self.since_s) = (pose, None);
+        }
+        if let Some(fault) = self.shared.fault() {
+            return Err(fault);
+        }
+        let since = *self.since_s.get_or_insert(now_s);
+        if now_s - since > STALE_S {
+            return Err(Fault::TimedOut);
+        }
+        let mut sample = service::sample(&self.last);
+        sample.status.saturated = self.cut;
+        self.posed = true;
+        Ok(sample)
+    }
+}
+
+impl Drop for Port {
+    fn drop(&mut self) {
+        self.shared.stop();
+        if let Some(thread) = self.thread.take() {
+            thread.thread().unpark();
+            // Its waits are bounded; a panic there has already closed the socket.
+            drop(thread.join());
+        }
+    }
+}
