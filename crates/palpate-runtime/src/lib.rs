@@ -82,8 +82,8 @@ pub use page_faults::PageFaults;
 pub use passivity::PassivityController;
 pub use real_time::RealTime;
 pub use record::{
-    BodyFile, CreateError, Ending, Field, Finished, Header, Map, OpenRecordingError, Record, Recorder,
-    Recording, RecordingFile, Records, RECORDING_MAGIC, Retrace, Scribe, ring,
+    BodyFile, CreateError, Ending, Field, Finished, Header, Map, OpenRecordingError, RECORDING_MAGIC, Record,
+    Recorder, Recording, RecordingFile, Records, Retrace, Scribe, ring,
 };
 pub use safety::{Safety, SafetyError};
 pub use session::{Report, Session, Settings, StartError, Stopper};

@@ -2,6 +2,7 @@
 
 use anyhow::Result;
 use palpate_body::{Body, Curve, Response};
+use palpate_runtime::Record;
 use std::io::Write;
 
 /// Numbers of one response, or a mix of several's.
@@ -148,4 +149,34 @@ fn deflections(curve: &Curve) -> impl Iterator<Item = f64> + '_ {
         (0..BETWEEN_KNOTS).map(move |i| from + width * i as f64 / BETWEEN_KNOTS as f64)
     };
     curve.knots().windows(2).flat_map(within).chain(curve.knots().last().copied())
+}
+/// Writes a row for each record, all of its fields but those that are for the file's own use. Fields of three and four
+/// numbers have a column for each.
+///
+/// # Errors
+/// `out` can't be written.
+pub fn write_periods(records: &mut dyn Iterator<Item = Record>, out: &mut dyn Write) -> Result<()> {
+    let fields = Record::fields();
+    let fields: Vec<_> = fields
+        .iter()
+        .filter(|f| !(f.name.starts_with("spare") || f.name == "crc" || f.name == "kind"))
+        .collect();
+    let columns = fields.iter().flat_map(|f| {
+        let parts: &[&str] = match (f.name.as_str(), f.count) {
+            (_, 1) => &[""],
+            ("contact_n", _) => &["_0", "_1", "_2"],
+            (_, 3) => &["_x", "_y", "_z"],
+            _ => &["_w", "_x", "_y", "_z"],
+        };
+        parts.iter().map(|part| format!("{}{part}", f.name))
+    });
+    writeln!(out, "{}", columns.collect::<Vec<_>>().join(","))?;
+    for record in records {
+        let mut cells = Vec::new();
+        for field in &fields {
+            cells.extend((0..field.count).map(|i| record.cell(field, i)));
+        }
+        writeln!(out, "{}", cells.join(","))?;
+    }
+    Ok(())
 }

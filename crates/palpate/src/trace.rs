@@ -117,6 +117,7 @@ pub struct Counts {
     pub evaluations: u64,
     pub crossings: u64,
     pub blocked: u64,
+    pub fenced: u64,
     pub capped: u64,
     pub invalid_poses: u64,
     pub contained: u64,
@@ -137,6 +138,7 @@ pub struct FlagCounts {
     pub invalid_pose: u64,
     pub contained: u64,
     pub started_inside: u64,
+    pub fenced: u64,
 }
 
 impl Summary {
@@ -178,6 +180,7 @@ impl Summary {
             (f.invalid_pose, &mut n.invalid_pose),
             (f.contained, &mut n.contained),
             (f.started_inside, &mut n.started_inside),
+            (f.fenced, &mut n.fenced),
         ] {
             *count += u64::from(flag);
         }
@@ -192,6 +195,7 @@ impl Summary {
             evaluations,
             crossings,
             blocked,
+            fenced,
             capped,
             invalid_poses,
             contained,
@@ -206,6 +210,7 @@ impl Summary {
             evaluations,
             crossings,
             blocked,
+            fenced,
             capped,
             invalid_poses,
             contained,

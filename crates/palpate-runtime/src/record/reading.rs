@@ -3,6 +3,7 @@
 use super::file::{self, Envelope, HEADER_MAX, MAGIC, REASON, VERSION};
 use super::{Field, Header, Record};
 use bytemuck::{Zeroable, bytes_of, bytes_of_mut};
+use std::fmt;
 use std::fs::File;
 use std::io::{self, BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -38,6 +39,27 @@ pub enum Ending {
     },
     /// The file can't be read any further.
     Unreadable(String),
+}
+
+impl fmt::Display for Ending {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Ending::Clean { reason, dropped: 0 } => write!(f, "it ended because {reason}"),
+            Ending::Clean { reason, dropped } => {
+                write!(f, "it ended because {reason}; {dropped} records were dropped")
+            }
+            Ending::Cut { left_over } => {
+                write!(
+                    f,
+                    "it was cut off, with {left_over} bytes of a record begun: its writer was killed, or its disk full"
+                )
+            }
+            Ending::Damaged { record } => {
+                write!(f, "it is damaged from record {record} on; what comes before is whole")
+            }
+            Ending::Unreadable(why) => write!(f, "the rest can't be read ({why})"),
+        }
+    }
 }
 
 /// Why a file can't be read as a recording.

@@ -25,6 +25,11 @@ impl<'a> Retrace<'a> {
         &self.contact
     }
 
+    /// What the last step was on: a patch, or the whole body.
+    pub fn ground(&self) -> &Body {
+        self.patch.as_ref().map_or(self.body, |(_, patch)| patch.body())
+    }
+
     /// The engine's answer in the period of `record`, with its element numbered in the whole body; `None` if the engine was
     /// not asked then.
     pub fn step(&mut self, record: &Record) -> Option<Output> {

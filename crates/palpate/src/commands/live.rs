@@ -97,7 +97,9 @@ fn plan(args: &Args) -> Result<Plan> {
     if !args.record.is_empty() && args.record.len() != args.device.len() {
         bail!("--record: give as many files as devices, or none");
     }
-    if let Some(csv) = args.record.iter().find(|f| f.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"))) {
+    if let Some(csv) =
+        args.record.iter().find(|f| f.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")))
+    {
         bail!(
             "--record {}: a recording is no CSV; name it otherwise, and make tables of it with `palpate export`",
             csv.display()
@@ -149,8 +151,9 @@ fn hold(args: &Args, device: &DeviceName, body: &Body) -> Result<Hold> {
     Ok(match device {
         DeviceName::Simulated(preset) => {
             let preset = preset.as_deref().unwrap_or(&args.preset);
-            let capabilities = presets::device(preset)
-                .ok_or_else(|| anyhow!("--device simulated:{preset}: give one of {}", presets::DEVICES.join(", ")))?;
+            let capabilities = presets::device(preset).ok_or_else(|| {
+                anyhow!("--device simulated:{preset}: give one of {}", presets::DEVICES.join(", "))
+            })?;
             let (hand, _) = presets::hand(&args.hand)
                 .ok_or_else(|| anyhow!("--hand {}: give one of {}", args.hand, presets::HANDS.join(", ")))?;
             live::simulated(body, capabilities, hand, &Intent::find(&args.intent, body)?)?
@@ -161,7 +164,11 @@ fn hold(args: &Args, device: &DeviceName, body: &Body) -> Result<Hold> {
         }
         DeviceName::OpenHaptics(name) => {
             let name = name.clone();
-            real(Box::new(OpenHaptics::new(OpenHapticsOptions { library, name, ..OpenHapticsOptions::default() })))
+            real(Box::new(OpenHaptics::new(OpenHapticsOptions {
+                library,
+                name,
+                ..OpenHapticsOptions::default()
+            })))
         }
         DeviceName::Haply(id) => {
             let default = HaplyOptions::default();

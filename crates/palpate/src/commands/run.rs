@@ -118,7 +118,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return super::live::run(args);
     }
     if !matches!(args.device.as_slice(), [DeviceName::Simulated(_)]) || args.record.len() > 1 {
-        return Err(anyhow!("--virtual-time: give one simulated device, and at most one file to record").into());
+        return Err(
+            anyhow!("--virtual-time: give one simulated device, and at most one file to record").into()
+        );
     }
     let inputs = [args.body.as_path(), Path::new(&args.intent)];
     files::refuse_overwrite(&args.record.iter().collect::<Vec<_>>(), &inputs)?;

@@ -1,10 +1,13 @@
 //! `palpate trace`.
 
 use super::Failure;
+use crate::path::Waypoint;
 use crate::trace::{COLUMNS, Summary, count, rollout, write_row};
-use crate::{console, files, path};
-use palpate_body::Body;
-use palpate_engine::Ablation;
+use crate::{console, files, live, path};
+use anyhow::{anyhow, bail};
+use palpate_body::{Body, SlipRule};
+use palpate_engine::{Ablation, Contact, Output};
+use palpate_runtime::{Ending, Record, Recording, Retrace};
 use std::path::PathBuf;
 
 /// Lead the tool along a path and write down every force
@@ -16,16 +19,20 @@ use std::path::PathBuf;
 /// delta_z_m, delta_r_m (deflections), fx_n.., tx_nm.. (force and torque on the tool), and work_j, stored_j,
 /// dissipated_j, generated_j (sums since the first row). Without contact, element is -1 and the contact's columns
 /// are 0. Every number reads back to the same bits.
+///
+/// The path may also be a recording of `palpate run`. Without --slip, --ablate and --rate-hz the engine then takes the
+/// recorded steps once more, on the recorded patches, and must give the recorded forces and energies to the bit.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  palpate trace liver.body --path drag.csv --rate-hz 1000 -o drag-trace.csv\n\n\
-                        Exit status: 0 done, 1 wrong input, 2 wrong usage."
+    after_help = "Examples:\n  palpate trace liver.body --path drag.csv --rate-hz 1000 -o drag-trace.csv\n  \
+                        palpate trace liver.body --path first-touch.rec -o first-touch.csv\n\n\
+                        Exit status: 0 done, 1 wrong input, 2 wrong usage, 3 other bits than recorded."
 )]
 pub struct Args {
     /// Body file
     body: PathBuf,
-    /// Path CSV
-    #[arg(long, value_name = "PATH.csv")]
+    /// Path CSV, or a recording
+    #[arg(long, value_name = "FILE")]
     path: PathBuf,
     /// Trace CSV to write
     #[arg(short, long, value_name = "TRACE.csv")]
@@ -51,7 +58,11 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     files::refuse_overwrite(&[&args.output], &[&args.body, &args.path])?;
     let body = Body::open(&args.body)?;
-    let mut waypoints = path::read(&args.path)?;
+    let recorded = live::is_recording(&args.path)?;
+    if recorded && args.slip.is_none() && args.ablate.is_none() && args.rate_hz.is_none() {
+        return retrace(args, &body);
+    }
+    let mut waypoints = if recorded { poses(args)? } else { path::read(&args.path)? };
     if let Some(rate_hz) = args.rate_hz {
         waypoints = path::resample(&waypoints, rate_hz)?;
     }
@@ -74,6 +85,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     for warning in summary.warnings(&body, &waypoints, ablation) {
         console::note(&warning);
     }
+    told(args, summary)
+}
+
+fn told(args: &Args, summary: Summary) -> Result<(), Failure> {
     if args.json {
         console::json(&summary)?;
     } else {
@@ -85,4 +100,86 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         ));
     }
     Ok(())
+}
+
+/// A recording's poses as a path.
+fn poses(args: &Args) -> anyhow::Result<Vec<Waypoint>> {
+    let recording = Recording::open(&args.path)?;
+    Ok(recording.filter_map(|r| r.tool().map(|pose| Waypoint { time_s: r.time_s, pose })).collect())
+}
+
+/// The engine's steps of a recording once more, compared with what was recorded.
+fn retrace(args: &Args, body: &Body) -> Result<(), Failure> {
+    let mut recording = Recording::open(&args.path)?;
+    let header = recording.header().clone();
+    let name = args.path.display();
+    if header.body.sha256 != files::sha256(&args.body)? {
+        return Err(anyhow!(
+            "{name}: it is of another body than {}: its own was {} with SHA-256 {}; give that one",
+            args.body.display(),
+            header.body.name,
+            header.body.sha256
+        )
+        .into());
+    }
+    let rule = SlipRule::ALL.into_iter().find(|r| r.name() == header.slip);
+    let ablations = [Ablation::None, Ablation::Coordinates, Ablation::Responses, Ablation::Both];
+    let ablation = ablations.into_iter().find(|a| live::ablation_name(*a) == header.ablation);
+    let (Some(rule), Some(ablation)) = (rule, ablation) else {
+        return Err(
+            anyhow!("{name}: it names a slip rule or ablation that this version does not know").into()
+        );
+    };
+    let mut again = Retrace::new(body, Contact::with_slip(body, rule, ablation));
+    let mut summary = Summary::default();
+    let (mut differ, mut first, mut number, mut missing) = (0u64, None, None, 0u64);
+    files::replace_or_stream(&args.output, |out| {
+        writeln!(out, "{COLUMNS}")?;
+        for record in &mut recording {
+            missing += number.map_or(0, |n: u64| record.number.saturating_sub(n + 1));
+            number = Some(record.number);
+            let (Some(output), Some(pose)) = (again.step(&record), record.tool()) else { continue };
+            let waypoint = Waypoint { time_s: record.time_s, pose };
+            write_row(out, &waypoint, &output)?;
+            summary.add(again.ground(), again.contact(), &waypoint, &output);
+            if !same(&record, &output) {
+                differ += 1;
+                first.get_or_insert(record.time_s);
+            }
+        }
+        if summary.steps == 0 {
+            bail!("{name}: the engine took no step in it");
+        }
+        summary.finish(again.contact());
+        Ok(())
+    })?;
+    match recording.ending() {
+        Some(Ending::Clean { .. }) | None => {}
+        Some(ending) => console::note(&format!("{name}: {ending}")),
+    }
+    if missing > 0 {
+        console::note(&format!("{name}: {} overslept or dropped", count(missing, "period")));
+    }
+    let steps = summary.steps;
+    told(args, summary)?;
+    match first {
+        None => console::note("the same bits as recorded, in every step"),
+        Some(time) => {
+            return Err(Failure::Check(format!(
+                "{name}: {differ} of {steps} steps gave other bits than recorded, the first at {time} s; \
+                 records that were dropped, or another version of the program, do that"
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// Whether the engine gave the recorded bits.
+fn same(record: &Record, output: &Output) -> bool {
+    let bits = |v: [f64; 3]| v.map(f64::to_bits);
+    let e = output.energy;
+    bits(output.force_n) == bits(record.force_n)
+        && output.contact.map_or(Record::NONE, |c| c.element) == record.element
+        && [e.work_j, e.stored_j, e.dissipated_j, e.generated_j].map(f64::to_bits)
+            == [record.work_j, record.stored_j, record.dissipated_j, record.generated_j].map(f64::to_bits)
 }
