@@ -291,7 +291,7 @@ fn the_engines_part_of_a_recording_plays_again_bit_for_bit() {
         let energy = output.energy;
         assert_eq!(bits(&[energy.work_j, energy.dissipated_j]), bits(&[record.work_j, record.dissipated_j]));
         assert_eq!(output.contact.map_or(Record::NONE, |c| c.element), record.element);
-        assert_eq!(bits(&output.contact.map_or([0.0; 3], |c| c.n)), bits(&record.contact_n));
+        assert_eq!(bits(&output.contact.map_or([0.0; 3], |c| c.n)), bits(&record.area_coordinates));
         assert_eq!(output.flags, record.engine());
     }
     assert!(stepped > 300, "{stepped}");
