@@ -38,7 +38,7 @@ impl WorkspaceMap {
             return Err(error("scale", problem, "give a number in between"));
         }
         // Beyond a kilometre a pose loses the engine's precision.
-        if !(self.offset_m.abs().max_element() <= 1e3) {
+        if !self.offset_m.is_finite() || self.offset_m.abs().max_element() > 1e3 {
             let problem = format!("{} holds no number, or one beyond 1000 m", self.offset_m);
             return Err(error("offset_m", problem, "give three numbers in metres"));
         }
@@ -158,7 +158,8 @@ mod tests {
         let wrong = [
             (WorkspaceMap { scale: -1.0, ..map }, "scale"),
             (WorkspaceMap { scale: f64::NAN, ..map }, "scale"),
-            (WorkspaceMap { offset_m: DVec3::NAN, ..map }, "offset_m"),
+            (WorkspaceMap { offset_m: DVec3::new(0.0, f64::NAN, 0.0), ..map }, "offset_m"),
+            (WorkspaceMap { offset_m: DVec3::splat(2e3), ..map }, "offset_m"),
             (WorkspaceMap { rotation: DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0), ..map }, "rotation"),
             (WorkspaceMap { clutch: Some(1), ..map }, "clutch"),
         ];

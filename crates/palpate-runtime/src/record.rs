@@ -8,6 +8,7 @@ mod file;
 mod reading;
 mod recorder;
 mod retrace;
+mod table;
 
 pub use file::MAGIC as RECORDING_MAGIC;
 pub use file::{BodyFile, CreateError, Header, Map, RecordingFile};
@@ -131,7 +132,7 @@ record! {
     /// The engine's torque on the tool.
     torque_nm: [f64; 3],
     /// Area coordinates of the contact point.
-    contact_n: [f64; 3],
+    area_coordinates: [f64; 3],
     /// The contact point at rest.
     contact_position_m: [f64; 3],
     /// Normal deflection.
@@ -220,7 +221,7 @@ impl Record {
             tool_orientation: pose.orientation,
             force_n: output.force_n,
             torque_nm: output.torque_nm,
-            contact_n: contact.map_or([0.0; 3], |c| c.n),
+            area_coordinates: contact.map_or([0.0; 3], |c| c.n),
             contact_position_m: contact.map_or([0.0; 3], |c| c.position_m),
             delta_z_m: contact.map_or(0.0, |c| c.delta_z_m),
             delta_r_m: contact.map_or(0.0, |c| c.delta_r_m),

@@ -173,7 +173,7 @@ fn scribe<W: Write>(mut records: Records, file: Option<RecordingFile<W>>, shared
     let mut batch = Vec::new();
     loop {
         // Asked before: what was pushed before the stop is in the ring.
-        let last = shared.stop.load(Ordering::Acquire) || records.consumer.is_abandoned();
+        let last = shared.stop.load(Ordering::Acquire);
         batch.clear();
         batch.extend((0..records.consumer.slots()).filter_map(|_| records.consumer.pop().ok()));
         let reason = {
