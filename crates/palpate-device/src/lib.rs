@@ -25,6 +25,12 @@
 //! SI: m, rad, m/s, N, N·m, s. The device's frame is right-handed, as the operator who sits before it sees it: x to the
 //! right, y away from the operator, z up. Drivers whose vendor uses other axes or units convert.
 
+/// What the exchange between threads is made of: under loom, in the tests, it is loom's.
+mod shared {
+    pub use std::sync::Arc;
+    pub use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
+}
+
 mod capabilities;
 mod device;
 mod dhd;
