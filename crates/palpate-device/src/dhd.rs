@@ -142,7 +142,7 @@ impl Dhd {
         if c_int::from(index) >= count {
             return Err(self.error(
                 format!("device {index} was asked for, and there are {count}"),
-                "count from 0 (--device-name 0 is the first)",
+                "count from 0: dhd:0 is the first",
             ));
         }
         let answer = calls.open(index as c_char);

@@ -1,7 +1,8 @@
 //! The newest value between two threads, without waiting on either side.
+//!
+//! The tests also run this very file under loom, which tries the orders in which two threads' accesses can be seen.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
+use crate::shared::{Arc, AtomicU8, AtomicU64, Ordering};
 
 /// Set beside the middle slot's number while the reader has not seen it.
 const FRESH: u8 = 4;
@@ -55,41 +56,5 @@ impl<const N: usize> Reader<N> {
         self.mine = self.slots.middle.swap(self.mine, Ordering::AcqRel) & !FRESH;
         let words = &self.slots.words[usize::from(self.mine)];
         Some(std::array::from_fn(|i| f64::from_bits(words[i].load(Ordering::Relaxed))))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::thread;
-
-    #[test]
-    fn the_newest_once() {
-        let (mut writer, mut reader) = exchange();
-        assert_eq!(reader.take(), None);
-        writer.put(&[1.0]);
-        writer.put(&[2.0]);
-        assert_eq!((reader.take(), reader.take()), (Some([2.0]), None));
-        writer.put(&[3.0]);
-        assert_eq!(reader.take(), Some([3.0]));
-    }
-
-    /// Never torn, never older than what was seen, and the last one arrives.
-    #[test]
-    fn whole_and_in_order() {
-        const LAST: u32 = 200_000;
-        let (mut writer, mut reader) = exchange::<8>();
-        let writing = thread::spawn(move || (1..=LAST).for_each(|k| writer.put(&[f64::from(k); 8])));
-        let mut seen = 0.0;
-        while seen < f64::from(LAST) {
-            let Some(values) = reader.take() else {
-                thread::yield_now();
-                continue;
-            };
-            assert!(values.iter().all(|v| *v == values[0]), "torn: {values:?}");
-            assert!(values[0] > seen, "{} after {seen}", values[0]);
-            seen = values[0];
-        }
-        writing.join().unwrap();
     }
 }

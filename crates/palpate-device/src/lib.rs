@@ -4,6 +4,12 @@
 //! [`Capabilities`] say what it can do, each figure with where it comes from. The crate knows nothing of bodies or of
 //! the engine: whoever joins them (palpate-runtime) maps the device's workspace onto the body's frame.
 //!
+//! [`Simulated`] and [`Replay`] need no hardware. [`Dhd`] (Force Dimension), [`OpenHaptics`] (3D Systems) and [`Haply`]
+//! (Inverse3) are drivers: the vendors' libraries are opened, and the service is called, at run time, so that the crate
+//! builds without any SDK. They were tested against stand-ins only, none with a device. What they have in common: no
+//! force before the first good pose; what leaves is finite and within the limits; and however they end, by `close`, a
+//! fault, a panic or a drop, there is zero force first.
+//!
 //! # Order of calls
 //! `open`, then any number of periods of `read` and `write` in this order, then `close`. A device that was opened
 //! renders no force until the first `write`; `close` renders none again, may come at any time and more than once, and a
@@ -18,6 +24,12 @@
 //! # Units and frame
 //! SI: m, rad, m/s, N, N·m, s. The device's frame is right-handed, as the operator who sits before it sees it: x to the
 //! right, y away from the operator, z up. Drivers whose vendor uses other axes or units convert.
+
+/// What the exchange between threads is made of: under loom, in the tests, it is loom's.
+mod shared {
+    pub use std::sync::Arc;
+    pub use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
+}
 
 mod capabilities;
 mod device;

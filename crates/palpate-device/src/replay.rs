@@ -104,3 +104,7 @@ impl Device for Replay {
         self.given = None;
     }
 }
+
+#[cfg(doctest)]
+#[doc = include_str!("../../../docs/devices/replay.md")]
+struct Page;

@@ -275,13 +275,9 @@ fn what_cant_be_understood() {
     let service = Service::usual();
     let mut device = service.pressing();
     let huge = state([0.0; 3]).replace(r#""cursor_position":{"x":0"#, r#""cursor_position":{"x":1e999"#);
-    for text in [
-        "",
-        "{",
-        r#"{"inverse3":[{"device_id":"049D"}]}"#,
-        &huge,
-        &state([0.0; 3]).replace("049D", "1"),
-    ] {
+    for text in
+        ["", "{", r#"{"inverse3":[{"device_id":"049D"}]}"#, &huge, &state([0.0; 3]).replace("049D", "1")]
+    {
         service.now(Manner::Says(text.into()));
         let fault = read_until(&mut device, Result::is_err).unwrap_err();
         assert!(matches!(fault, Fault::Garbled | Fault::Disconnected), "{text}: {fault}");

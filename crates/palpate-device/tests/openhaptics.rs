@@ -281,7 +281,7 @@ fn names() {
     library.set("refused", 99.0);
     let error = OpenHaptics::new(options(&library)).open().unwrap_err();
     assert!(error.problem.contains("the default device: error 0x301 device already initiated"), "{error}");
-    assert!(error.mend.contains("--device-name"), "{error}");
+    assert!(error.mend.contains("openhaptics:NAME"), "{error}");
     library.take_log();
     let named = OpenHapticsOptions { name: Some("Left".into()), ..options(&library) };
     assert!(OpenHaptics::new(named).open().is_err());

@@ -32,7 +32,7 @@ const NAMES: &[&str] = if cfg!(windows) {
 const INSTALL: &str = "install OpenHaptics and the Touch device driver (3D Systems) and put the folder of its library \
                        where the loader looks, or name the file (--device-library)";
 const PLUG: &str = "connect it and switch it on, run the vendor's Touch_Setup and Touch_Diagnostic, and name it as that \
-                    does (--device-name)";
+                    does (openhaptics:NAME)";
 /// Names to try where the default one fails.
 const DEFAULTS: [&str; 2] = ["Default Device", "Default PHANToM"];
 /// A pose that is older, s, means that the scheduler stands.
