@@ -188,7 +188,7 @@ impl Body {
             test_point_nodes: pod_collect_to_vec(file.bytes("test_point_nodes")),
             lateral_tensors: Some(pod_collect_to_vec(file.bytes("lateral_tensors"))),
             tool: file.json("tool", serde_json::from_str)?,
-            slip: file.json("slip", |text| serde_json::from_value::<SlipRule>(text.into()))?,
+            slip: file.slip()?,
             provenance: file.json("provenance", serde_json::from_str::<Provenance>)?,
         })
     }
@@ -293,6 +293,7 @@ impl Body {
 struct File<'a> {
     header: Metadata,
     data: &'a [u8],
+    version: u32,
 }
 
 impl<'a> File<'a> {
@@ -308,7 +309,7 @@ impl<'a> File<'a> {
         let (header, data) = rest.split_at(length as usize);
         // Parsing also checks that tensors follow each other without gaps and that each has its shape's length.
         let header: Metadata = serde_json::from_slice(header).map_err(|e| broken(e.to_string()))?;
-        let file = File { header, data };
+        let mut file = File { header, data, version: 0 };
 
         // Whose file it is comes first: the rest means something only then.
         let schema = file.metadata("schema")?;
@@ -347,6 +348,7 @@ impl<'a> File<'a> {
             ));
         }
         file.check_layout(version)?;
+        file.version = version;
         Ok(file)
     }
 
@@ -397,6 +399,17 @@ impl<'a> File<'a> {
         read(self.metadata(key)?).map_err(|e| {
             BodyError::invalid(format!("metadata `{key}`"), e.to_string(), "make the body again")
         })
+    }
+
+    /// Rules other than the paper's came with version 3: a program of an older one would refuse the file, or slip otherwise.
+    fn slip(&self) -> Result<SlipRule> {
+        let rule = self.json("slip", |text| serde_json::from_value::<SlipRule>(text.into()))?;
+        if rule != SlipRule::Paper && self.version < 3 {
+            let problem = format!("it is `{}`, which files of version {} don't know", rule.name(), self.version);
+            let mend = "make the body again, or write `paper` if it was made for that";
+            return Err(BodyError::invalid("metadata `slip`", problem, mend));
+        }
+        Ok(rule)
     }
 
     /// The bytes of a tensor of [`layout`], at any alignment.

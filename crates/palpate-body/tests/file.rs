@@ -302,6 +302,15 @@ fn messages_name_the_place_and_the_mend() {
     changed("\"version\":\"1\"", "\"edition\":\"1\"", &["metadata `version`", "missing"]);
     changed("SI: m, N, J", "mm, N", &["metadata `units`", "mm"]);
     changed("\"slip\":\"paper\"", "\"slip\":\"ice\"", &["metadata `slip`", "ice"]);
+    for rule in ["consistent", "exact"] {
+        let slip = format!("\"slip\":\"{rule}\"");
+        changed("\"slip\":\"paper\"", &slip, &["metadata `slip`", rule, "version 1", "make the body again"]);
+        let newer = with_header(&bytes, "\"version\":\"1\"", "\"version\":\"2\"");
+        refused(&with_header(&newer, "\"slip\":\"paper\"", &slip), &["metadata `slip`", rule, "version 2"]);
+        let newest = with_header(&bytes, "\"version\":\"1\"", "\"version\":\"3\"");
+        let read = Body::from_bytes(&with_header(&newest, "\"slip\":\"paper\"", &slip)).unwrap();
+        assert_eq!(read.slip().name(), rule);
+    }
     changed("radius_m", "radius_mm", &["metadata `tool`", "radius_mm"]);
     changed("\"positions\"", "\"position\"", &["tensor `positions`", "missing"]);
     changed("U32", "I32", &["I32", "U32", "make the body again"]);

@@ -14,7 +14,8 @@ const ON_SURFACE: f64 = 1e-9;
 
 /// All that evolves while one tool touches one body: fixed in size, without a pointer to the body.
 ///
-/// Every step must be given the body the contact was made for; with another, forces are meaningless but bounded.
+/// Every step must be given the body the contact was made for; with another, forces are meaningless but bounded. A contact
+/// that slips by `consistent` on a body whose gradients nobody derived counts that ([`Counters::underived`]).
 #[derive(Debug, Clone)]
 pub struct Contact {
     law: Law,
@@ -292,6 +293,7 @@ impl Contact {
         flags: &mut Flags,
     ) -> End {
         let drive = R::first(site, at.n, field, self.taken);
+        self.counters.underived += u64::from(!R::is_ready(site.body));
         if slip::within(&drive, field) {
             return End::Settled;
         }

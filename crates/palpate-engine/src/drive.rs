@@ -13,7 +13,7 @@
 use crate::field::{Field, Site};
 use crate::lateral::Lateral;
 use glam::{DVec3, Vec3A};
-use palpate_body::{Known, Node};
+use palpate_body::{Body, Known, Node};
 
 /// A drive, to be brought within the friction limit.
 #[derive(Debug, Clone, Copy)]
@@ -48,6 +48,12 @@ pub(crate) trait Rule {
     /// Whether it drives along f_t.
     const LATERAL: bool = false;
 
+    /// Whether `body` has what the rule reads.
+    #[inline(always)]
+    fn is_ready(_body: &Body) -> bool {
+        true
+    }
+
     /// What tells whether the contact point slips from where it stood, and which way to try first: a cheaper drive where
     /// it is sure to be within the limit or beyond it. `taken` is what the rule last took from f_t.
     #[inline(always)]
@@ -77,6 +83,11 @@ pub(crate) struct Consistent;
 
 impl Rule for Consistent {
     const CONTINUOUS: bool = true;
+
+    #[inline(always)]
+    fn is_ready(body: &Body) -> bool {
+        body.derived_gradients().is_some()
+    }
 
     #[inline(always)]
     fn first<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field, taken: DVec3) -> Drive {
@@ -219,7 +230,7 @@ mod tests {
     use crate::field::{Ablation, Law};
     use crate::lateral::{Isotropic, Stretch};
     use crate::sensitivity::tests::{ball, chance};
-    use palpate_body::{Body, NodeMix, SurfacePoint};
+    use palpate_body::{NodeMix, SurfacePoint};
 
     /// The ball, and the same with nodes that mix three neighbours' curves, or fade.
     fn bodies(ratio: f64) -> Vec<Body> {

@@ -125,6 +125,9 @@ pub struct Counters {
     pub invalid_poses: u64,
     /// Forces replaced by zero.
     pub contained: u64,
+    /// Steps in contact in which the rule `consistent` found no gradients in the body and slipped as `paper` does: the
+    /// body is not the one that the contact was made for.
+    pub underived: u64,
 }
 
 /// One sample of what a device renders.

@@ -338,7 +338,7 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
             target = match high {
                 Some((end, there)) if end - low.0 <= CLOSED => {
                     // A jump of the frame or the response: rest on its far side, within the limit.
-                    *self.at = if R::CONTINUOUS { there } else { on_edge(there) };
+                    *self.at = if R::CONTINUOUS { there } else { on_edge(there, self.site.corners()) };
                     self.evaluate_again();
                     return end;
                 }
@@ -380,10 +380,19 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
     }
 }
 
-/// The same point, put on the edge that it is a hair away from, so that its search goes on along the edge.
+/// The same point, put on the edge that it is no farther from than a closed bracket, so that its search goes on along
+/// the edge. Anything farther away than that may lie higher in the energy.
 #[cold]
-fn on_edge(at: SurfacePoint) -> SurfacePoint {
-    let n = at.n.map(|n| if n < 1e-8 { 0.0 } else { n });
+fn on_edge(at: SurfacePoint, [p, q, r]: [DVec3; 3]) -> SurfacePoint {
+    let twice_area = (q - p).cross(r - p).length();
+    let edges = [r - q, p - r, q - p].map(DVec3::length);
+    // n times the height over the edge is the distance from it.
+    let mut n = at.n;
+    for (n, edge) in n.iter_mut().zip(edges) {
+        if *n * twice_area <= 2.0 * CLOSED * edge {
+            *n = 0.0;
+        }
+    }
     let per = 1.0 / (n[0] + n[1] + n[2]);
     SurfacePoint { n: n.map(|n| n * per), ..at }
 }
@@ -407,4 +416,25 @@ const NO_DEFLECTION: f64 = 1e-12;
 #[inline]
 fn tolerance(drive: &Drive, field: &Field) -> f64 {
     1e-6 * field.limit + NO_DEFLECTION * field.pull_slope + drive.noise
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whatever the element's size: what the bracket closed on is the edge, and nothing else is.
+    #[test]
+    fn a_point_is_put_on_an_edge_that_its_bracket_closed_on() {
+        for size in [1e-6, 5e-3, 1.0] {
+            let corners = [DVec3::ZERO, DVec3::X * size, DVec3::new(0.3, 0.8, 0.0) * size];
+            // Over the edge from corner 0 to corner 1, in the height of corner 2.
+            let off = |distance: f64| {
+                let n = distance / (0.8 * size);
+                on_edge(SurfacePoint { element: 0, n: [0.4 - n, 0.6, n] }, corners).n
+            };
+            assert_eq!(off(CLOSED)[2], 0.0, "{size}");
+            assert!(off(4.0 * CLOSED)[2] > 0.0, "{size}");
+            assert!((off(CLOSED).iter().sum::<f64>() - 1.0).abs() < 1e-15);
+        }
+    }
 }

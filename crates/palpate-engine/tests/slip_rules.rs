@@ -189,3 +189,20 @@ fn the_consistent_rules_leak_falls_as_h_squared() {
         assert!(consistent[0] > 1.0 && leaks[2][1] < 0.2 * leaks[2][0]);
     }
 }
+
+/// A contact made for one body and led over another, which nobody derived gradients for, says so.
+#[test]
+fn a_body_without_gradients_is_counted() {
+    let (one, other) = (prism(24, 0.1), prism(24, 0.1));
+    let counted = |body: &Body| {
+        let mut contact = Contact::with_slip(&one, SlipRule::Consistent, Ablation::None);
+        let touching = cycle().step_by(50).filter(|x| step(&mut contact, body, *x).flags.in_contact).count();
+        (contact.counters().underived, touching as u64)
+    };
+    assert_eq!(counted(&one).0, 0);
+    let (underived, touching) = counted(&other);
+    // The step that releases is in contact no more.
+    assert!(touching > 100 && underived >= touching, "{underived} of {touching}");
+    other.gradients();
+    assert_eq!(counted(&other).0, 0);
+}

@@ -241,21 +241,6 @@ impl Record {
         }
     }
 
-    /// Number `i` of a field, in digits that read back to the same bits.
-    pub fn cell(&self, field: &Field, i: u32) -> String {
-        let bytes = bytemuck::bytes_of(self);
-        let width = if field.kind == "u32" { 4 } else { 8 };
-        let at = field.offset as usize + i as usize * width;
-        let word = bytes
-            .get(at..at + width)
-            .map_or(0, |b| b.iter().rev().fold(0u64, |word, byte| word << 8 | u64::from(*byte)));
-        match field.kind.as_str() {
-            "f64" => format!("{:?}", f64::from_bits(word)),
-            "i64" => (word as i64).to_string(),
-            _ => word.to_string(),
-        }
-    }
-
     /// What the stages did.
     pub fn stages(&self) -> StageFlags {
         StageFlags::from_bits(self.stage_flags)

@@ -4,6 +4,7 @@ use crate::element::{Contribution, GaussPoint, POINTS, Tissue, gauss_points};
 use crate::error::{Result, SimulateError};
 use crate::factor::{Factor, Symbolic, dissect};
 use crate::material::Material;
+use crate::mesh::check::holds;
 use crate::mesh::{Boundary, TetMesh};
 use crate::stiffness::{Pattern, Stiffness};
 use glam::DVec3;
@@ -42,44 +43,6 @@ pub struct Model {
     /// A force below which nothing is worth a step, N: a ten-millionth of the softest shear modulus times the size
     /// of the smallest element squared.
     pub(crate) least_force_n: f64,
-}
-
-/// Whether supports stop all six motions of a rigid body: the rank of those motions in the held components.
-fn holds(positions: &[DVec3], held: &[[bool; 3]]) -> bool {
-    let middle = positions.iter().sum::<DVec3>() / positions.len() as f64;
-    let size = positions.iter().map(|p| p.distance(middle)).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
-    let mut gram = [[0.0; 6]; 6];
-    for (p, axes) in positions.iter().zip(held) {
-        let arm = (*p - middle) / size;
-        for axis in (0..3).filter(|&axis| axes[axis]) {
-            let along = DVec3::AXES[axis];
-            let turn = arm.cross(along);
-            let row = [along.x, along.y, along.z, turn.x, turn.y, turn.z];
-            for (sums, a) in gram.iter_mut().zip(row) {
-                for (sum, b) in sums.iter_mut().zip(row) {
-                    *sum += a * b;
-                }
-            }
-        }
-    }
-    // Gauss with the largest pivot; relative to the count of held components, which is the trace's order.
-    let enough = 1e-9 * (0..6).map(|i| gram[i][i]).fold(0.0, f64::max);
-    for step in 0..6 {
-        let Some(pivot) = (step..6).max_by(|&i, &j| gram[i][i].total_cmp(&gram[j][j])) else { return false };
-        if gram[pivot][pivot] <= enough {
-            return false;
-        }
-        gram.swap(step, pivot);
-        gram.iter_mut().for_each(|row| row.swap(step, pivot));
-        let head = gram[step];
-        for row in &mut gram[step + 1..] {
-            let factor = row[step] / head[step];
-            for (value, head) in row.iter_mut().zip(head) {
-                *value -= factor * head;
-            }
-        }
-    }
-    true
 }
 
 /// `order[new] = old`: free nodes by nested dissection, then the others.
@@ -130,7 +93,7 @@ impl Model {
             let mend = "leave a part of it free: make [[body.fixed]] smaller";
             return invalid("supports".into(), "they hold every node of the body".into(), mend);
         }
-        if !holds(&mesh.positions, &held_axes) {
+        if !holds(mesh.positions.iter().copied().zip(held_axes.iter().copied())) {
             let mend = "hold it with [[body.fixed]] so that it can neither move nor turn as a whole: \
                         three points that are not on one line, or planes of symmetry and one more support";
             return invalid("supports".into(), "they do not hold the body".into(), mend);

@@ -142,10 +142,18 @@ fn layer(rings: &[f64], planes: &[f64]) -> TetMesh {
     mesh
 }
 
-/// κ of F = 2 E a d κ/(1 − ν²) (Hayes et al. 1972) of a punch of radius a on a layer that is bonded below; elements at
-/// the punch's rim are `finest` radii large.
-fn hayes(per_height: f64, poisson: f64, finest: f64) -> f64 {
-    let (radius, depth) = (0.01, 1e-4);
+/// A punch's radius a, and how deep it is pressed, m.
+const PUNCH_M: (f64, f64) = (0.01, 1e-4);
+
+/// κ of F = 2 E a d κ/(1 − ν²) (Hayes et al. 1972), from the force (N) on a quarter of the punch.
+fn kappa(quarter_n: f64, poisson: f64) -> f64 {
+    let (radius, depth) = PUNCH_M;
+    4.0 * quarter_n * (1.0 - poisson * poisson) / (2.0 * YOUNG_PA * radius * depth)
+}
+
+/// A quarter of a layer of a/h = `per_height` that is bonded below; elements at the punch's rim are `finest` radii large.
+fn quarter(per_height: f64, finest: f64) -> (TetMesh, Vec<Fixed>) {
+    let (radius, _) = PUNCH_M;
     let height = radius / per_height;
     // Towards the rim of the punch from both sides, then outwards to five heights beyond.
     let mut inwards = vec![radius];
@@ -176,13 +184,61 @@ fn hayes(per_height: f64, poisson: f64, finest: f64) -> f64 {
         let bottom = p.z < -height * (1.0 - 1e-9);
         [bottom || p.x.abs() < 1e-12, bottom || p.y.abs() < 1e-12, bottom]
     });
+    (mesh, fixed)
+}
+
+/// κ of a punch whose surface nodes are moved down, along the axis only.
+fn hayes(per_height: f64, poisson: f64, finest: f64) -> f64 {
+    let (radius, depth) = PUNCH_M;
+    let (mesh, fixed) = quarter(per_height, finest);
     let punch: Vec<Fixed> = hold(&mesh, |p| {
         let under = p.z > -1e-12 && p.x.hypot(p.y) < radius * (1.0 + 1e-6);
         [false, false, under]
     });
     let material = Material::linear(YOUNG_PA, poisson).unwrap();
     let (path, _) = moved(&mesh, &material, &fixed, &punch, &[DVec3::NEG_Z * depth]);
-    -4.0 * path.states[0].force_n.z * (1.0 - poisson * poisson) / (2.0 * YOUNG_PA * radius * depth)
+    kappa(-path.states[0].force_n.z, poisson)
+}
+
+/// κ of the tool `flat_punch` in frictionless contact: what a spec's `shape = "flat-punch"` presses with, but for its rim,
+/// which is rounded by `edge` radii.
+fn hayes_by_tool(per_height: f64, poisson: f64, finest: f64, edge: f64) -> f64 {
+    let (radius_m, depth) = PUNCH_M;
+    let (mesh, fixed) = quarter(per_height, finest);
+    let nodes = mesh.positions.len();
+    let start = std::time::Instant::now();
+    let model = Model::new(mesh, vec![Material::linear(YOUNG_PA, poisson).unwrap()], &fixed).unwrap();
+    let tool = Tool::FlatPunch { radius_m, edge_m: edge * radius_m };
+    let plan =
+        PointPlan { point: DVec3::ZERO, inward: DVec3::NEG_Z, depths: vec![depth / 2.0, depth], drags: vec![] };
+    let paths = model.simulate(&tool, Contact::Frictionless, &plan, &AtomicBool::new(false)).unwrap();
+    assert_eq!(paths.press.stopped, None);
+    println!("{nodes} nodes, {:.1} s", start.elapsed().as_secs_f64());
+    kappa(-paths.press.states[1].force_n.z, poisson)
+}
+
+/// The tool itself. A rounded rim touches less than the radius at first: a sharper one comes nearer.
+#[test]
+fn flat_punch_as_a_tool() {
+    let (per_height, poisson, expected) = (1.0, 0.45, 3.09141);
+    for (edge, allowed) in [(0.05, 0.05), (0.01, 0.02)] {
+        let found = hayes_by_tool(per_height, poisson, 0.04, edge);
+        let error = found / expected - 1.0;
+        println!("edge {edge} a: {found:.4}, {:+.2} %", 100.0 * error);
+        assert!(error.abs() < allowed, "edge {edge} a: {found}, not {expected}");
+    }
+}
+
+#[test]
+#[ignore = "a table; some minutes"]
+fn table_of_flat_punch_as_a_tool() {
+    for (per_height, poisson, expected) in [(0.5, 0.3, 1.62403), (1.0, 0.45, 3.09141), (1.0, 0.49, 3.48398)] {
+        for (finest, edge) in [(0.04, 0.05), (0.04, 0.01), (0.02, 0.05), (0.02, 0.01)] {
+            let found = hayes_by_tool(per_height, poisson, finest, edge);
+            let error = 100.0 * (found / expected - 1.0);
+            println!("| {per_height} | {poisson} | {finest} a | {edge} a | {error:+.2} % |");
+        }
+    }
 }
 
 /// κ from an integral equation, confirmed with FElupe and CalculiX to 0.1 %.

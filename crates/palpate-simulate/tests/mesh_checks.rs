@@ -23,8 +23,9 @@ fn bar(cubes: u32, gap: f64) -> TetMesh {
     TetMesh::from_corners(positions, &tetrahedra)
 }
 
-fn fixed(mesh: &TetMesh, held: impl Fn(DVec3) -> bool) -> Vec<bool> {
-    mesh.positions.iter().map(|&p| held(p)).collect()
+/// Held on all sides where `held` says so.
+fn fixed(mesh: &TetMesh, held: impl Fn(DVec3) -> bool) -> Vec<[bool; 3]> {
+    mesh.positions.iter().map(|&p| [held(p); 3]).collect()
 }
 
 /// Held at x = 0.
@@ -206,6 +207,38 @@ fn free_parts_are_named_and_noted_where_they_touch() {
     let three =
         together(&[first.clone(), moved(first.clone(), DVec3::X * 5.0), moved(first, DVec3::X * 9.0)]);
     refused(&three, &["of region `part 1`", ", and 1 more: nothing holds it"]);
+}
+
+/// Planes of symmetry hold a body along some axes each; every part of it has to be held so.
+#[test]
+fn parts_that_can_slide_are_named() {
+    let cube = bar(1, 0.0);
+    let two = together(&[cube.clone(), moved(cube.clone(), DVec3::X * 3.0)]);
+    // The first stands in a corner of three planes; the second on the floor alone, or in none.
+    let first = |p: DVec3| p.x < 2.0;
+    let corner = |p: DVec3| [p.x == 0.0, p.y == 0.0, p.z == 0.0];
+    let message = |axes: &dyn Fn(DVec3) -> [bool; 3]| {
+        let axes: Vec<_> = two.positions.iter().map(|&p| axes(p)).collect();
+        check(&two, &axes).map_err(|e| e.to_string())
+    };
+    let slides = message(&corner).unwrap_err();
+    assert!(slides.contains("part of 6 elements of region `part 1`"), "{slides}");
+    assert!(slides.contains("it can slide or turn: what holds it does so along some of the axes only"), "{slides}");
+    let loose = message(&|p| if first(p) { corner(p) } else { [false; 3] }).unwrap_err();
+    assert!(loose.contains("nothing holds it"), "{loose}");
+    // Three nodes in a line.
+    let line = message(&|p| [first(p) && p.y == 0.0 && p.z == 0.0; 3]).unwrap_err();
+    assert!(line.contains("`part 0`") && line.contains("one line only"), "{line}");
+    let line = message(&|p| if first(p) { corner(p) } else { [p.y == 0.0 && p.z == 0.0; 3] }).unwrap_err();
+    assert!(line.contains("`part 1`") && line.contains("one line only"), "{line}");
+    // A line on all sides, and others along one axis, hold it.
+    let held = |p: DVec3| match (first(p), p.y == 0.0 && p.z == 0.0) {
+        (true, _) => corner(p),
+        (_, true) => [true; 3],
+        (_, false) => [false, false, p.z == 0.0],
+    };
+    assert_eq!(message(&held), Ok(vec![]));
+    assert_eq!(message(&|p| if first(p) { corner(p) } else { [p.x == 3.0, p.y == 0.0, p.z == 0.0] }), Ok(vec![]));
 }
 
 #[test]

@@ -140,7 +140,7 @@ fn curved_elements_keep_their_nodes() {
         assert!((mesh.positions[n as usize].length() - 10.0).abs() < 1e-9);
     }
     // Sound where it is curved, and every node in its place.
-    let fixed: Vec<bool> = mesh.positions.iter().map(|p| p.z < 0.0).collect();
+    let fixed: Vec<[bool; 3]> = mesh.positions.iter().map(|p| [p.z < 0.0; 3]).collect();
     assert_eq!(check(&mesh, &fixed).unwrap(), Vec::<String>::new());
 }
 

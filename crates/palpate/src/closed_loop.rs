@@ -1,5 +1,6 @@
 //! The closed loop in virtual time: a simulated device and hand on a body, as fast as the machine can.
 
+use crate::certify::device::{damping_needed, late};
 use crate::inspect::stiffness_max;
 use crate::intent::Intent;
 use crate::path::Waypoint;
@@ -7,7 +8,7 @@ use crate::trace;
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
 use palpate_body::{Body, SlipRule};
-use palpate_device::simulated::{Energies, Hand, Intent as _};
+use palpate_device::simulated::{Energies, Hand, Intent as _, figures};
 use palpate_device::{Capabilities, Device, Simulated};
 use palpate_engine::{Ablation, Contact, Output};
 use palpate_runtime::{Coupling, Cycle, HapticLoop, PassivityController, Stages, WorkspaceMap};
@@ -96,11 +97,13 @@ pub struct LimitCycle {
     pub growth: f64,
 }
 
-/// MODEL 5: the loop is passive where K_max ≤ b/(T/2 + delay).
+/// MODEL 5: the loop is passive where b ≥ K T/2 + K D, as long as nothing slips ([`damping_needed`]).
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct SampledData {
     /// K_max down to the greatest depth of the run, N/m.
     pub stiffness_max_n_per_m: f64,
+    /// The same as the device meets it: K, or in series with a virtual coupling K k_c/(K + k_c), N/m.
+    pub met_n_per_m: f64,
     /// What the device's damping allows, N/m.
     pub passive_up_to_n_per_m: f64,
 }
@@ -116,11 +119,10 @@ pub struct Passivity {
     pub active: u64,
 }
 
-/// The stiffness (N/m) up to which a device's damping keeps a loop passive: b/(T/2 + delay), with the amplifier's lag
-/// as a further delay.
+/// The stiffness (N/m) up to which a device's damping keeps a loop passive while nothing slips: b = K T/2 + K D.
 pub fn passive_up_to(capabilities: &Capabilities, period_s: f64) -> f64 {
     let m = &capabilities.mechanics;
-    m.damping_n_s_per_m.value / (0.5 * period_s + m.delay_s.value + m.lag_s.value)
+    m.damping_n_s_per_m.value / damping_needed(1.0, 1.0, period_s, late(m))
 }
 
 /// So many periods at most: their places are kept to look for cycles.
@@ -129,7 +131,8 @@ const STEPS_MAX: f64 = 2e7;
 /// Runs a loop and gives every period to `row`.
 ///
 /// # Errors
-/// An intent that takes too many periods, or does not go on this body; what `row` reports.
+/// An intent that takes too many periods, or does not go on this body; a device or hand that can't be simulated; what
+/// `row` reports.
 pub fn run(
     body: &Body,
     setup: Setup,
@@ -138,6 +141,16 @@ pub fn run(
     let Setup { capabilities, hand, intent, rate_hz, seconds, ablation, slip, coupling_n_per_m, passivity } =
         setup;
     let period = 1.0 / rate_hz;
+    figures::check(&capabilities, &hand).map_err(|e| anyhow!("{} in this hand: {e}", capabilities.name))?;
+    let delay = capabilities.mechanics.delay_s.value;
+    if delay * rate_hz > figures::PERIODS_UNDER_WAY as f64 {
+        bail!(
+            "{}: a delay of {} ms is more than {} periods at {rate_hz} Hz; give less delay_ms, or a lower --rate-hz",
+            capabilities.name,
+            delay * 1e3,
+            figures::PERIODS_UNDER_WAY
+        );
+    }
     let (place, into) = intent.place(body)?;
     let script = intent.script(into, body.tool().radius_m)?;
     let rests = script.rests();
@@ -183,7 +196,9 @@ pub fn run(
     }
     summary.trace.finish(closed.contact());
     summary.limit_cycles = cycles(&rests, &places, rate_hz);
-    summary.sampled_data.stiffness_max_n_per_m = stiffness_down_to(body, deepest);
+    let stiffness = stiffness_down_to(body, deepest);
+    summary.sampled_data.stiffness_max_n_per_m = stiffness;
+    summary.sampled_data.met_n_per_m = coupling_n_per_m.map_or(stiffness, |k| in_series(stiffness, k));
     summary.out_j = closed.port().out_j;
     summary.sampling_bound_j = 0.5 * summary.sampled_data.stiffness_max_n_per_m * closed.port().squares_m2;
     summary.saturations = device.saturations();
@@ -207,6 +222,11 @@ fn cycles(rests: &[(f64, f64)], places: &[DVec3], rate_hz: f64) -> Vec<LimitCycl
         Some(LimitCycle { from_s: from, to_s: to, period_s, amplitude_m, growth })
     };
     rests.iter().filter_map(within).collect()
+}
+
+/// Of two springs one behind the other.
+fn in_series(a: f64, b: f64) -> f64 {
+    a * b / (a + b)
 }
 
 /// K_max down to a depth: the table's, at the first knot as deep or deeper.
@@ -234,10 +254,12 @@ impl Summary {
                 c.to_s
             ));
         }
-        let SampledData { stiffness_max_n_per_m: k, passive_up_to_n_per_m: limit } = self.sampled_data;
+        let SampledData { stiffness_max_n_per_m, met_n_per_m: k, passive_up_to_n_per_m: limit } =
+            self.sampled_data;
         if k > limit {
+            let coupled = if k < stiffness_max_n_per_m { " through the virtual coupling" } else { "" };
             said.push(format!(
-                "the body is as stiff as {k:.0} N/m where it was touched; this device's damping keeps a loop of \
+                "the body is as stiff as {k:.0} N/m{coupled} where it was touched; this device's damping keeps a loop of \
                  {} Hz passive up to {limit:.0} N/m, and the hand's may be needed beyond",
                 self.rate_hz
             ));

@@ -5,9 +5,11 @@ use crate::spec::source::{Row, Source};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
 use palpate_body::{Body, SurfacePoint};
+use palpate_device::simulated::figures::{self, Allowed};
 use palpate_device::simulated::{Hand, Move, Script};
 use palpate_device::{Capabilities, Figure};
 use serde::Deserialize;
+use std::ops::Range;
 use std::path::Path;
 use toml::Spanned;
 
@@ -31,13 +33,14 @@ pub struct Intent {
     /// Of the hand.
     pub hand: Option<Hand>,
     device: RawDevice,
+    /// The file and line of its start, if it is from a file.
+    start_place: Option<String>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Raw {
-    #[serde(default)]
-    start: RawStart,
+    start: Option<Spanned<RawStart>>,
     hand: Option<Spanned<RawHand>>,
     device: Option<Spanned<RawDevice>>,
     #[serde(rename = "move")]
@@ -125,7 +128,47 @@ fn nine() -> f64 {
     9.0
 }
 
+/// Lengths that an operator can mean, mm: 10 m.
+const LENGTH_MM: f64 = 1e4;
+/// The hand's aim is followed in stretches of a millisecond: this many Hz take four of them a turn.
+const FREQUENCY_HZ: f64 = 250.0;
+
+/// From −`most` to `most`.
+fn within(most: f64) -> Allowed {
+    Allowed { least: -most, most, none: true }
+}
+
+fn up_to(most: f64) -> Allowed {
+    Allowed { least: 0.0, most, none: true }
+}
+
 impl RawMove {
+    /// Each key, its value, and what it can be.
+    fn figures(&self) -> Vec<(&'static str, f64, Allowed)> {
+        let length = within(LENGTH_MM);
+        let seconds = self.si().seconds();
+        let turns = within(FREQUENCY_HZ * seconds);
+        // First, since others depend on it.
+        let mut figures = vec![("seconds", seconds, Allowed { least: 1e-3, most: 1e4, none: false })];
+        figures.extend(match *self {
+            RawMove::Press { depth_mm, .. } => vec![("depth_mm", depth_mm, length)],
+            RawMove::Drag { along_mm, across_mm, .. } => {
+                vec![("along_mm", along_mm, length), ("across_mm", across_mm, length)]
+            }
+            RawMove::Circle { radius_mm, turns: n, .. } => {
+                vec![("radius_mm", radius_mm, length), ("turns", n, turns)]
+            }
+            RawMove::Tap { depth_mm, times, .. } => {
+                vec![("depth_mm", depth_mm, length), ("times", f64::from(times), turns)]
+            }
+            RawMove::Hold { tremor_mm, tremor_hz, .. } => {
+                vec![("tremor_mm", tremor_mm, length), ("tremor_hz", tremor_hz, up_to(FREQUENCY_HZ))]
+            }
+            RawMove::Push { force_n, .. } => vec![("force_n", force_n, within(figures::FORCE_N.most))],
+        });
+        figures
+    }
+
     fn si(&self) -> Move {
         let m = |mm: f64| mm * 1e-3;
         match *self {
@@ -175,55 +218,46 @@ impl Intent {
         let text = files::read_text(path)?;
         let source = Source { path, text: &text };
         let raw: Raw = toml::from_str(&text).map_err(|e| source.syntax(&e))?;
-        let not_negative = |span, what: &str, value: f64| {
-            if value >= 0.0 && value.is_finite() {
-                return Ok(value);
-            }
-            Err(source.error(span, &format!("{what} is {value}"), "give a number that is not negative"))
+        let check = |table: Range<usize>, figures: &[(&str, f64, Allowed)]| {
+            figures.iter().try_for_each(|(key, value, allowed)| {
+                if allowed.holds(*value) {
+                    return Ok(());
+                }
+                let place = source.find_key(table.clone(), key);
+                Err(source.error(place, &format!("{key} is {value}"), &format!("give {allowed}")))
+            })
         };
-        for the_move in &raw.moves {
-            let seconds = the_move.get_ref().si().seconds();
-            if !(seconds > 0.0 && seconds <= 1e4) {
-                return Err(source.error(
-                    the_move.span(),
-                    "seconds is not above 0, or beyond 10,000",
-                    "give a time",
-                ));
-            }
+        if let Some(start) = &raw.start {
+            check(start.span(), &start.get_ref().figures())?;
         }
         if let Some(hand) = &raw.hand {
-            let RawHand { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = *hand.get_ref();
-            for (what, value) in [
-                ("mass_kg", mass_kg),
-                ("damping_n_s_per_m", damping_n_s_per_m),
-                ("stiffness_n_per_m", stiffness_n_per_m),
-            ] {
-                not_negative(source.find_key(hand.span(), what), what, value)?;
-            }
+            check(hand.span(), &hand.get_ref().figures())?;
         }
         if let Some(device) = &raw.device {
-            for (what, value) in device.get_ref().figures() {
-                not_negative(source.find_key(device.span(), what), what, value.unwrap_or_default())?;
-            }
-            if device.get_ref().mass_kg == Some(0.0) {
-                let span = source.find_key(device.span(), "mass_kg");
-                return Err(source.error(
-                    span,
-                    "mass_kg is 0",
-                    "give a mass: without one it can't be integrated",
-                ));
-            }
+            check(device.span(), &device.get_ref().figures())?;
         }
+        if raw.moves.is_empty() {
+            return Err(anyhow!("{}: there is no move; add a [[move]]", path.display()));
+        }
+        for the_move in &raw.moves {
+            check(the_move.span(), &the_move.get_ref().figures())?;
+        }
+        let start_place = Some(match &raw.start {
+            Some(start) => source.place(source.find_key(start.span(), "along")),
+            None => path.display().to_string(),
+        });
+        let start = raw.start.map(Spanned::into_inner).unwrap_or_default();
         Ok(Intent {
-            at_m: raw.start.at_mm.map(|Row(mm)| DVec3::from_array(mm) * 1e-3),
-            along: raw.start.along.map(|Row(v)| DVec3::from_array(v)),
-            clearance_m: raw.start.clearance_mm.map_or(CLEARANCE, |mm| mm * 1e-3),
+            at_m: start.at_mm.map(|Row(mm)| DVec3::from_array(mm) * 1e-3),
+            along: start.along.map(|Row(v)| DVec3::from_array(v)),
+            clearance_m: start.clearance_mm.map_or(CLEARANCE, |mm| mm * 1e-3),
             moves: raw.moves.iter().map(|m| m.get_ref().si()).collect(),
             hand: raw.hand.map(|h| {
                 let RawHand { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = h.into_inner();
                 Hand { mass_kg, damping_n_s_per_m, stiffness_n_per_m }
             }),
             device: raw.device.map(Spanned::into_inner).unwrap_or_default(),
+            start_place,
         })
     }
 
@@ -269,22 +303,51 @@ impl Intent {
         });
         // A sphere's reference point is its centre.
         let place = into * -radius_m;
-        Script::new(place, self.clearance_m, into, along, &self.moves).map_err(|e| anyhow!("the intent: {e}"))
+        let place_in_file = self.start_place.as_deref().unwrap_or("the intent");
+        Script::new(place, self.clearance_m, into, along, &self.moves)
+            .map_err(|e| anyhow!("{place_in_file}: {e}"))
+    }
+}
+
+impl RawStart {
+    fn figures(&self) -> Vec<(&'static str, f64, Allowed)> {
+        let row = |key, row: Option<Row<3>>, most: f64| {
+            row.into_iter().flat_map(move |Row(v)| v.map(|x| (key, x, within(most))))
+        };
+        let clearance = self.clearance_mm.map(|mm| ("clearance_mm", mm, within(LENGTH_MM)));
+        row("at_mm", self.at_mm, 1e6).chain(row("along", self.along, 1e6)).chain(clearance).collect()
+    }
+}
+
+impl RawHand {
+    fn figures(&self) -> [(&'static str, f64, Allowed); 3] {
+        [
+            ("mass_kg", self.mass_kg, figures::MASS_KG),
+            ("damping_n_s_per_m", self.damping_n_s_per_m, figures::DAMPING_N_S_PER_M),
+            ("stiffness_n_per_m", self.stiffness_n_per_m, figures::STIFFNESS_N_PER_M),
+        ]
     }
 }
 
 impl RawDevice {
-    fn figures(&self) -> [(&'static str, Option<f64>); 8] {
+    /// Those that are given.
+    fn figures(&self) -> Vec<(&'static str, f64, Allowed)> {
+        // Without a mass of its own a device can't be integrated in an empty hand.
+        let mass = Allowed { none: false, ..figures::MASS_KG };
+        let (mm, ms) = (1e-3, 1e-3);
         [
-            ("mass_kg", self.mass_kg),
-            ("damping_n_s_per_m", self.damping_n_s_per_m),
-            ("coulomb_n", self.coulomb_n),
-            ("resolution_mm", self.resolution_mm),
-            ("delay_ms", self.delay_ms),
-            ("lag_ms", self.lag_ms),
-            ("slew_n_per_s", self.slew_n_per_s),
-            ("max_force_n", self.max_force_n),
+            ("mass_kg", self.mass_kg, mass),
+            ("damping_n_s_per_m", self.damping_n_s_per_m, figures::DAMPING_N_S_PER_M),
+            ("coulomb_n", self.coulomb_n, figures::FORCE_N),
+            ("resolution_mm", self.resolution_mm, figures::RESOLUTION_M.per(mm)),
+            ("delay_ms", self.delay_ms, figures::DELAY_S.per(ms)),
+            ("lag_ms", self.lag_ms, figures::LAG_S.per(ms)),
+            ("slew_n_per_s", self.slew_n_per_s, figures::SLEW_N_PER_S),
+            ("max_force_n", self.max_force_n, figures::FORCE_N),
         ]
+        .into_iter()
+        .filter_map(|(key, value, allowed)| Some((key, value?, allowed)))
+        .collect()
     }
 }
 
@@ -304,15 +367,16 @@ fn built_in(name: &str, depth_m: f64) -> Option<Vec<Move>> {
     })
 }
 
-/// The highest surface point above the middle of the nodes; of a ring, the highest node.
+/// What lies first on the way down through the body's middle; where it is open there, on a way in from the side.
 pub(crate) fn top(body: &Body) -> DVec3 {
-    let nodes = body.nodes();
-    let middle = nodes.iter().map(|n| n.position).sum::<DVec3>() / nodes.len().max(1) as f64;
-    let highest = nodes.iter().map(|n| n.position).max_by(|a, b| a.z.total_cmp(&b.z)).unwrap_or_default();
-    let [above, below] =
-        [highest.z + 1e-3, nodes.iter().map(|n| n.position.z).fold(highest.z, f64::min) - 1e-3];
-    let at = |z: f64| DVec3::new(middle.x, middle.y, z);
-    body.first_touch(at(above), at(below), 0.0).map_or(highest, |touch| body.point(touch.at))
+    let nodes = || body.nodes().iter().map(|n| n.position);
+    let middle = nodes().sum::<DVec3>() / body.nodes().len().max(1) as f64;
+    let far = nodes().map(|p| p.distance(middle)).fold(0.0, f64::max) + 1e-3;
+    let seen = |from: DVec3| {
+        body.first_touch(middle + from * far, middle - from * far, 0.0).map(|touch| body.point(touch.at))
+    };
+    let highest = || nodes().max_by(|a, b| a.z.total_cmp(&b.z)).unwrap_or_default();
+    [DVec3::Z, DVec3::X, DVec3::Y, -DVec3::X, -DVec3::Y].into_iter().find_map(seen).unwrap_or_else(highest)
 }
 
 /// û at a surface point.

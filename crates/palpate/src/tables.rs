@@ -150,33 +150,14 @@ fn deflections(curve: &Curve) -> impl Iterator<Item = f64> + '_ {
     };
     curve.knots().windows(2).flat_map(within).chain(curve.knots().last().copied())
 }
-/// Writes a row for each record, all of its fields but those that are for the file's own use. Fields of three and four
-/// numbers have a column for each.
+/// Writes a row for each record: all that the loop saw and did.
 ///
 /// # Errors
 /// `out` can't be written.
 pub fn write_periods(records: &mut dyn Iterator<Item = Record>, out: &mut dyn Write) -> Result<()> {
-    let fields = Record::fields();
-    let fields: Vec<_> = fields
-        .iter()
-        .filter(|f| !(f.name.starts_with("spare") || f.name == "crc" || f.name == "kind"))
-        .collect();
-    let columns = fields.iter().flat_map(|f| {
-        let parts: &[&str] = match (f.name.as_str(), f.count) {
-            (_, 1) => &[""],
-            ("contact_n", _) => &["_0", "_1", "_2"],
-            (_, 3) => &["_x", "_y", "_z"],
-            _ => &["_w", "_x", "_y", "_z"],
-        };
-        parts.iter().map(|part| format!("{}{part}", f.name))
-    });
-    writeln!(out, "{}", columns.collect::<Vec<_>>().join(","))?;
+    writeln!(out, "{}", Record::columns().join(","))?;
     for record in records {
-        let mut cells = Vec::new();
-        for field in &fields {
-            cells.extend((0..field.count).map(|i| record.cell(field, i)));
-        }
-        writeln!(out, "{}", cells.join(","))?;
+        writeln!(out, "{}", record.row().join(","))?;
     }
     Ok(())
 }

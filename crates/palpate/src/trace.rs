@@ -199,6 +199,8 @@ impl Summary {
             capped,
             invalid_poses,
             contained,
+            // The contact is of this body.
+            underived: _,
         } = *contact.counters();
         let Ledger { work_j, stored_j, dissipated_j, generated_j } = *contact.energy();
         self.contacts = onsets;

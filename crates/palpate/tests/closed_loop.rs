@@ -120,6 +120,26 @@ fn a_file_of_pushes_cycles_or_not() {
     assert!(said(&desk.simulated("--preset bench --hand none --intent push.toml")).contains("limit cycle"));
 }
 
+/// Through a virtual coupling the device meets less than the body's stiffness, and is warned of that.
+#[test]
+fn a_coupling_is_in_series() {
+    let desk = Desk::new();
+    let summary = |more: &str| desk.json(&format!("--preset bench --intent press {more}"));
+    let number = |run: &Value, key: &str| run["sampled_data"][key].as_f64().unwrap();
+    let bare = summary("");
+    let k = number(&bare, "stiffness_max_n_per_m");
+    assert!(k > 600.0 && number(&bare, "met_n_per_m") == k, "{bare}");
+    assert!(
+        said(&desk.simulated("--preset bench --intent press")).contains("keeps a loop of 1000 Hz passive")
+    );
+    let coupled = summary("--coupling-n-per-m 400");
+    let k = number(&coupled, "stiffness_max_n_per_m");
+    let met = number(&coupled, "met_n_per_m");
+    assert!((met - k * 400.0 / (k + 400.0)).abs() < 1e-9 && met < 400.0, "{coupled}");
+    let told = said(&desk.simulated("--preset bench --intent press --coupling-n-per-m 400"));
+    assert!(!told.contains("passive up to"), "{told}");
+}
+
 #[test]
 fn complaints_say_where() {
     let desk = Desk::new();
@@ -130,6 +150,8 @@ fn complaints_say_where() {
     desk.refused("--seconds -1", 2, &["-1"]);
     desk.refused("--coupling-n-per-m 0", 1, &["--coupling-n-per-m"]);
     desk.refused("--record block.body", 1, &["block.body", "input"]);
+    // A built-in intent is no file, so that its name is free for one.
+    assert!(desk.simulated("--intent drag --seconds 0.01 --record drag").status.success());
     let wrong = [
         ("[[move]]\nkind = \"press\"\nseconds = 1\n", "depth_mm"),
         ("[[move]]\nkind = \"wave\"\nseconds = 1\n", "wave"),
@@ -139,12 +161,44 @@ fn complaints_say_where() {
             "[hand]\nmass_kg = 0\ndamping_n_s_per_m = -1\nstiffness_n_per_m = 0\n[[move]]\nkind = \"hold\"\nseconds = 1\n",
             "wrong.toml:3: damping",
         ),
-        ("[start]\nalong = [0, 0, 1]\n[[move]]\nkind = \"hold\"\nseconds = 1\n", "directions"),
+        ("[start]\nalong = [0, 0, 1]\n[[move]]\nkind = \"hold\"\nseconds = 1\n", "wrong.toml:2: place"),
+        ("move = []\n", "wrong.toml: there is no move"),
+        (
+            "[[move]]\nkind = \"hold\"\nseconds = 1\n\n[[move]]\nkind = \"press\"\nseconds = 1\ndepth_mm = nan\n",
+            "wrong.toml:8: depth_mm is NaN",
+        ),
+        ("[[move]]\nkind = \"push\"\nseconds = 1\nforce_n = 1e300\n", "wrong.toml:4: force_n"),
+        ("[[move]]\nkind = \"tap\"\nseconds = 1\ndepth_mm = 1\ntimes = 4000000000\n", "wrong.toml:5: times"),
+        ("[[move]]\nkind = \"hold\"\nseconds = 1\ntremor_hz = 1e9\n", "wrong.toml:4: tremor_hz"),
+        (
+            "[start]\nclearance_mm = 1e300\n[[move]]\nkind = \"hold\"\nseconds = 1\n",
+            "wrong.toml:2: clearance_mm",
+        ),
     ];
     for (text, word) in wrong {
         desk.write("wrong.toml", text);
         desk.refused("--intent wrong.toml", 1, &[word]);
     }
+    // What would never end, or sum to infinity, in the simulated tool.
+    for (key, value) in [
+        ("mass_kg", "1e-300"),
+        ("mass_kg", "1.7e308"),
+        ("damping_n_s_per_m", "1e9"),
+        ("resolution_mm", "5e-324"),
+        ("delay_ms", "1e12"),
+        ("lag_ms", "1e-9"),
+        ("lag_ms", "inf"),
+        ("max_force_n", "nan"),
+    ] {
+        let text = format!("[device]\n{key} = {value}\n[[move]]\nkind = \"hold\"\nseconds = 1\n");
+        desk.write("wrong.toml", &text);
+        desk.refused("--intent wrong.toml", 1, &[&format!("wrong.toml:2: {key} is"), "; give"]);
+    }
+    // Each is a number, but not together.
+    desk.write("wrong.toml", "[device]\nmass_kg = 1e-6\n[[move]]\nkind = \"hold\"\nseconds = 1\n");
+    desk.refused("--intent wrong.toml --hand none --preset omega", 1, &["moving mass", "more mass"]);
+    desk.write("wrong.toml", "[device]\ndelay_ms = 100\n[[move]]\nkind = \"hold\"\nseconds = 1\n");
+    desk.refused("--intent wrong.toml", 1, &["64 periods", "--rate-hz"]);
     assert_eq!(desk.run("run block.body --device simulated").status.code(), Some(2));
     let help = desk.run("run --help");
     assert!(String::from_utf8_lossy(&help.stdout).contains("Example:"));

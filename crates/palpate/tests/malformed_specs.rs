@@ -5,6 +5,7 @@ use palpate::spec::Spec;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
+use std::sync::atomic::AtomicBool;
 
 /// Sound; each case changes it in one place.
 const SPEC: &str = r#"[body]
@@ -358,7 +359,7 @@ fn sound(folder: &Path, text: &str) -> bool {
         let spec = Spec::parse(&path, text.into())?;
         let simulation = spec.simulation(&path)?;
         prepare::plan(&spec, &simulation, &path)?;
-        prepare::prepare(&spec, &simulation, &path)
+        prepare::prepare(&spec, &simulation, &path, &AtomicBool::new(false))
     };
     ready().is_ok()
 }

@@ -2,6 +2,7 @@
 //! whatever goes wrong, finished points are kept.
 
 use glam::DVec3;
+use palpate::commands::Failure;
 use palpate::precompute::{Options, Prepared, Shard, Solver, Stopped, assemble, merge, prepare, run};
 use palpate::record::{Plan, Record, Scene, TestPoint};
 use palpate::spec::Spec;
@@ -411,6 +412,21 @@ fn outputs_are_checked_first() {
             assert!(complaint.contains("can't be written"), "{complaint}");
         }
     }
+}
+
+/// A signal before the first point ends the preparation with the stage under way, with a signal's status.
+#[test]
+fn a_signal_ends_the_preparation() {
+    let desk = tempfile::tempdir().unwrap();
+    let path = desk.path().join("spec.toml");
+    let spec = Spec::parse(&path, SPEC.into()).unwrap();
+    let simulation = spec.simulation(&path).unwrap();
+    let error = prepare::prepare(&spec, &simulation, &path, &AtomicBool::new(true)).err().unwrap();
+    assert_eq!(
+        error.to_string(),
+        "stopped while the run was prepared, after the volume's mesh: nothing was simulated or written"
+    );
+    assert!(matches!(Failure::from(error), Failure::Interrupted(_)));
 }
 
 /// Not a test: the process that others start, kill, and keep short of room.

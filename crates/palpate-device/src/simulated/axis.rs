@@ -24,6 +24,8 @@ type Series = [f64; ORDER + 1];
 const SHORTEST: f64 = 1e-9;
 /// A piece's length as a share of the fastest time constant: 0.25¹⁵/15! is 10⁻²¹.
 const SHARE: f64 = 0.25;
+/// A motor as near to its command is there, relative.
+const ARRIVED: f64 = 1e-15;
 
 /// What moves and what drives it; the same for the three axes.
 #[derive(Debug, Clone, Copy)]
@@ -55,7 +57,8 @@ impl Plant {
         let mut f = [0.0; ORDER + 1];
         let way = command - force;
         f[0] = force;
-        if way == 0.0 || (self.lag == 0.0 && self.slew == f64::INFINITY) {
+        // Rounding keeps what decays towards a command from ever being there.
+        if way.abs() <= ARRIVED * command.abs().max(1e-3) || (self.lag == 0.0 && self.slew == f64::INFINITY) {
             f[0] = command;
             return (f, span);
         }

@@ -1,6 +1,7 @@
 //! A device and a hand that exist as equations: deterministic, and much faster than real time.
 
 mod axis;
+pub mod figures;
 mod hand;
 mod script;
 
@@ -55,8 +56,11 @@ impl Simulated {
     /// A device with these capabilities, in this hand.
     ///
     /// # Panics
-    /// The moving mass is not above 0, or a figure of the mechanics or of the hand is negative or no number.
+    /// A figure of the mechanics or of the hand that [`figures::check`] refuses: figures from outside are asked first.
     pub fn new(capabilities: Capabilities, hand: Hand, intent: Box<dyn Intent>) -> Self {
+        if let Err(e) = figures::check(&capabilities, &hand) {
+            panic!("{e}");
+        }
         let m = &capabilities.mechanics;
         let plant = Plant {
             mass: m.mass_kg.value + hand.mass_kg,
@@ -66,11 +70,6 @@ impl Simulated {
             lag: m.lag_s.value,
             slew: m.slew_n_per_s.value,
         };
-        assert!(plant.mass > 0.0 && plant.mass.is_finite(), "the moving mass must be above 0");
-        let rest =
-            [plant.damping, plant.coulomb, plant.lag, plant.slew, m.delay_s.value, m.resolution_m.value];
-        let hand = [hand.mass_kg, hand.damping_n_s_per_m, hand.stiffness_n_per_m];
-        assert!(rest.into_iter().chain(hand).all(|v| v >= 0.0), "no figure may be negative");
         Simulated {
             capabilities,
             plant,

@@ -82,8 +82,9 @@ impl Quality {
 /// Finds what can't be simulated; `fixed` says of every node whether it is held. The result is notes: what can be
 /// simulated, but deserves a word.
 ///
-/// Two parts are one if a face joins them. Each part must be held by three nodes that aren't on one line, be they fixed
-/// or shared with a part that is held.
+/// `fixed` has for each node the axes along which it is held. Two parts are one if a face joins them. Each part must be held
+/// so that it can neither move nor turn, be it by supports or by nodes that it shares with a part that is held: by three
+/// that aren't on one line, or along axes that together stop its six motions.
 ///
 /// # Errors
 /// Elements without volume or inside out, curved ones that are so at a corner, a middle of an edge or a quadrature
@@ -92,7 +93,7 @@ impl Quality {
 ///
 /// # Panics
 /// If `fixed` has not one entry for each node.
-pub fn check(mesh: &TetMesh, fixed: &[bool]) -> Result<Vec<String>> {
+pub fn check(mesh: &TetMesh, fixed: &[[bool; 3]]) -> Result<Vec<String>> {
     assert_eq!(fixed.len(), mesh.positions.len());
     if mesh.elements.is_empty() {
         return Err(SimulateError::invalid("mesh", "there is no tetrahedron in it", "mesh the volume"));
@@ -369,9 +370,9 @@ fn parts(elements: usize, pairs: &[[u32; 2]]) -> (Vec<u32>, usize) {
     (part, count as usize)
 }
 
-fn parts_are_held(mesh: &TetMesh, fixed: &[bool], pairs: &[[u32; 2]]) -> Result<()> {
+fn parts_are_held(mesh: &TetMesh, fixed: &[[bool; 3]], pairs: &[[u32; 2]]) -> Result<()> {
     let mend = "hold it with `[[body.fixed]]`";
-    if !fixed.contains(&true) {
+    if !fixed.iter().flatten().any(|held| *held) {
         return Err(SimulateError::invalid("mesh", "nothing holds the body: no node is fixed", mend));
     }
     let (part, count) = parts(mesh.elements.len(), pairs);
@@ -383,17 +384,17 @@ fn parts_are_held(mesh: &TetMesh, fixed: &[bool], pairs: &[[u32; 2]]) -> Result<
         nodes.sort_unstable();
         nodes.dedup();
     }
-    let mut held_nodes = fixed.to_vec();
+    // What a held part shares with another holds that one on all sides.
+    let mut held = fixed.to_vec();
     let mut free: Vec<usize> = (0..count).collect();
     loop {
         let before = free.len();
         free.retain(|&part| {
-            let held =
-                hold(&mesh.positions, nodes[part].iter().filter(|&&n| held_nodes[n as usize])) == Hold::Firm;
-            if held {
-                nodes[part].iter().for_each(|&n| held_nodes[n as usize] = true);
+            let firm = hold(&mesh.positions, &held, &nodes[part]) == Hold::Firm;
+            if firm {
+                nodes[part].iter().for_each(|&n| held[n as usize] = [true; 3]);
             }
-            !held
+            !firm
         });
         if free.len() == before {
             break;
@@ -417,10 +418,11 @@ fn parts_are_held(mesh: &TetMesh, fixed: &[bool], pairs: &[[u32; 2]]) -> Result<
     if free.len() > 1 {
         place += &format!(", and {} more", free.len() - 1);
     }
-    let problem = match hold(&mesh.positions, nodes[first].iter().filter(|&&n| held_nodes[n as usize])) {
+    let problem = match hold(&mesh.positions, &held, &nodes[first]) {
         Hold::Nothing => "nothing holds it: none of its nodes is fixed or shared with a part that is held",
         Hold::Point => "it is held at one place only, about which it can turn",
-        Hold::Line | Hold::Firm => "it is held along one line only, about which it can turn",
+        Hold::Line => "it is held along one line only, about which it can turn",
+        Hold::Axes | Hold::Firm => "it can slide or turn: what holds it does so along some of the axes only",
     };
     let mend = if count == 1 {
         "hold it at three nodes at least with `[[body.fixed]]`"
@@ -435,11 +437,26 @@ enum Hold {
     Nothing,
     Point,
     Line,
+    /// Held along some axes, but not so that it could neither move nor turn.
+    Axes,
     Firm,
 }
 
-/// What nodes at rest leave free.
-fn hold<'a>(positions: &[DVec3], nodes: impl Iterator<Item = &'a u32> + Clone) -> Hold {
+/// What the held of a part's nodes leave free.
+fn hold(positions: &[DVec3], held: &[[bool; 3]], nodes: &[u32]) -> Hold {
+    let axes = |n: &u32| held[*n as usize];
+    let on_all_sides = |n: &&u32| axes(n) == [true; 3];
+    let fully = hold_fully(positions, nodes.iter().filter(on_all_sides));
+    let partly = nodes.iter().any(|n| axes(n).contains(&true) && axes(n).contains(&false));
+    if fully == Hold::Firm || !partly {
+        return fully;
+    }
+    let all = nodes.iter().map(|n| (positions[*n as usize], axes(n)));
+    if holds(all) { Hold::Firm } else { Hold::Axes }
+}
+
+/// What nodes that can't move along any axis leave free.
+fn hold_fully<'a>(positions: &[DVec3], nodes: impl Iterator<Item = &'a u32> + Clone) -> Hold {
     let places = nodes.map(|&n| positions[n as usize]);
     let Some(first) = places.clone().next() else { return Hold::Nothing };
     let farthest = |to: &dyn Fn(DVec3) -> f64| {
@@ -455,4 +472,44 @@ fn hold<'a>(positions: &[DVec3], nodes: impl Iterator<Item = &'a u32> + Clone) -
     let along = (end - first) / length;
     let (off, _) = farthest(&|p| (p - first).cross(along).length());
     if off > COLLINEAR * length { Hold::Firm } else { Hold::Line }
+}
+
+/// Whether supports stop all six motions of a rigid body, whose nodes are given with the axes along which each is held:
+/// the rank of those motions in the held components.
+pub(crate) fn holds(nodes: impl Iterator<Item = (DVec3, [bool; 3])> + Clone) -> bool {
+    let (count, sum) = nodes.clone().fold((0.0, DVec3::ZERO), |(n, sum), (p, _)| (n + 1.0, sum + p));
+    let middle = sum / count;
+    let size = nodes.clone().map(|(p, _)| p.distance(middle)).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+    let mut gram = [[0.0; 6]; 6];
+    for (p, axes) in nodes {
+        let arm = (p - middle) / size;
+        for axis in (0..3).filter(|&axis| axes[axis]) {
+            let along = DVec3::AXES[axis];
+            let turn = arm.cross(along);
+            let row = [along.x, along.y, along.z, turn.x, turn.y, turn.z];
+            for (sums, a) in gram.iter_mut().zip(row) {
+                for (sum, b) in sums.iter_mut().zip(row) {
+                    *sum += a * b;
+                }
+            }
+        }
+    }
+    // Gauss with the largest pivot; relative to the count of held components, which is the trace's order.
+    let enough = 1e-9 * (0..6).map(|i| gram[i][i]).fold(0.0, f64::max);
+    for step in 0..6 {
+        let Some(pivot) = (step..6).max_by(|&i, &j| gram[i][i].total_cmp(&gram[j][j])) else { return false };
+        if gram[pivot][pivot] <= enough {
+            return false;
+        }
+        gram.swap(step, pivot);
+        gram.iter_mut().for_each(|row| row.swap(step, pivot));
+        let head = gram[step];
+        for row in &mut gram[step + 1..] {
+            let factor = row[step] / head[step];
+            for (value, head) in row.iter_mut().zip(head) {
+                *value -= factor * head;
+            }
+        }
+    }
+    true
 }

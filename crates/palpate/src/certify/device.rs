@@ -11,12 +11,12 @@ pub struct Device {
     pub damping_n_s_per_m: f64,
     /// Rate of the loop 1/T, Hz.
     pub rate_hz: f64,
-    /// Greatest error e of a measured position, m: half the encoder's step at the tip.
+    /// Greatest error e of a measured position, m: √3/2 of the encoder's step at the tip, half a step along each axis.
     pub position_error_m: f64,
     /// Coulomb friction c_f, N.
     pub coulomb_n: f64,
-    /// Samples by which a force comes late.
-    pub delay_samples: u32,
+    /// Samples by which a force comes late, or parts of one.
+    pub delay_samples: f64,
 }
 
 impl Device {
@@ -25,12 +25,34 @@ impl Device {
         Device {
             damping_n_s_per_m: mechanics.damping_n_s_per_m.value,
             rate_hz,
-            position_error_m: mechanics.resolution_m.value / 2.0,
+            // The body's stiffness couples the axes, so that the error's length counts, not its part along one axis.
+            position_error_m: 0.5 * 3f64.sqrt() * mechanics.resolution_m.value,
             coulomb_n: mechanics.coulomb_n.value,
-            delay_samples: ((mechanics.delay_s.value + mechanics.lag_s.value) * rate_hz).ceil().min(1e6)
-                as u32,
+            delay_samples: late(mechanics) * rate_hz,
         }
     }
+}
+
+/// By how much a device's force comes late, s: the amplifier's lag counts as a delay, which it is for slow motions.
+pub fn late(mechanics: &Mechanics) -> f64 {
+    mechanics.delay_s.value + mechanics.lag_s.value
+}
+
+/// The damping (N·s/m) that makes up for a hold of T and a delay d, if the force is K-Lipschitz within a step and
+/// L-Lipschitz over several (K ≤ L; L = K as long as nothing slips):
+///
+/// ```text
+/// b ≥ K T/2 + L D,   D = (⌈d/T⌉ T + d)/2
+/// ```
+///
+/// The hold costs at most ½ K |Δx|² a step, and |Δx|² ≤ T ∫v². The delayed force is off by at most L ∫|v| over the samples
+/// it is behind; with 2 |v(t) v(s)| ≤ v(t)² + v(s)² each moment's v² then counts for the ⌈d/T⌉ samples that its own force
+/// is behind at most, and for the d during which later forces don't know of it. For whole samples D is d.
+pub fn damping_needed(stiffness: f64, lipschitz: f64, period_s: f64, delay_s: f64) -> f64 {
+    // A hair less: what is a whole number of samples stays one.
+    let samples = (delay_s / period_s - 1e-9).ceil().max(0.0);
+    let delay = if delay_s > 0.0 { lipschitz * 0.5 * (samples * period_s + delay_s) } else { 0.0 };
+    0.5 * stiffness * period_s + delay
 }
 
 /// Down to where the sampled loop is passive.
@@ -51,18 +73,19 @@ pub struct Limits {
     pub contact_way_ratio: Option<f64>,
 }
 
-/// The limits of `device` on `body`: b ≥ K T/2, with samples of delay (K/2 + n L) T; and c_f ≥ K e (1 + |Δc|/|Δx|).
+/// The limits of `device` on `body`: b ≥ K T/2 + L D ([`damping_needed`]), and c_f ≥ K e (1 + |Δc|/|Δx|).
 ///
 /// `lipschitz` is L, N/m, and `pace` the bound of |Δc|/|Δx|, where they exist; without them a device with a delay, or one
 /// with an error of position, has no limit above 0.
 pub fn limits(body: &Body, device: Device, lipschitz: Option<f64>, pace: Option<f64>) -> Limits {
     let period = 1.0 / device.rate_hz;
-    let delayed = match (device.delay_samples, lipschitz) {
-        (0, _) => 0.0,
-        (n, Some(l)) => f64::from(n) * l,
-        (_, None) => f64::INFINITY,
+    let delay = device.delay_samples * period;
+    let delayed = match lipschitz {
+        _ if delay == 0.0 => 0.0,
+        Some(l) => damping_needed(0.0, l, period, delay),
+        None => f64::INFINITY,
     };
-    let by_damping = 2.0 * (device.damping_n_s_per_m / period - delayed);
+    let by_damping = (device.damping_n_s_per_m - delayed) / damping_needed(1.0, 0.0, period, 0.0);
     let by_friction = match pace {
         _ if device.position_error_m == 0.0 => f64::INFINITY,
         Some(pace) => device.coulomb_n / (device.position_error_m * (1.0 + pace)),
@@ -121,6 +144,32 @@ fn depth_of_slope(curve: &Curve, most: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use palpate_device::presets;
+
+    #[test]
+    fn damping_for_a_hold_and_a_delay() {
+        let (k, l, t) = (600.0, 900.0, 1e-3);
+        let close = |d: f64, expected: f64| {
+            let found = damping_needed(k, l, t, d);
+            assert!((found - expected).abs() < 1e-12, "{d}: {found}, not {expected}");
+        };
+        close(0.0, 0.3);
+        // Whole samples: (K/2 + n L) T.
+        close(1e-3, 0.3 + 0.9);
+        close(3e-3, 0.3 + 2.7);
+        // Between them it grows, from half a sample at once.
+        close(1e-9, 0.3 + 0.45 + 0.5 * l * 1e-9);
+        close(0.4e-3, 0.3 + 900.0 * 0.7e-3);
+    }
+
+    /// A device's three encoders are off by half a step each at worst.
+    #[test]
+    fn the_error_of_a_position_has_three_axes() {
+        let falcon = presets::device("falcon").unwrap().mechanics;
+        let half = 0.5 * falcon.resolution_m.value;
+        let corner = glam::DVec3::splat(half).length();
+        assert!((Device::of(&falcon, 1e3).position_error_m / corner - 1.0).abs() < 1e-15);
+    }
     use palpate_body::{Extension, Interpolation};
 
     #[test]

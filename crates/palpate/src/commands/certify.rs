@@ -71,7 +71,7 @@ pub struct Args {
     /// Rate of the device's loop, Hz; 1,000 if not given
     #[arg(long, value_name = "N", requires = "loop")]
     rate_hz: Option<f64>,
-    /// Greatest error of the device's position, mm; half of what it resolves, or none
+    /// Greatest error of the device's position, mm; half a step of its encoders along each axis, or none
     #[arg(long, value_name = "E", requires = "loop")]
     position_error_mm: Option<f64>,
     /// Coulomb friction of the device, N; the device's, or none
@@ -202,13 +202,13 @@ impl Args {
                 rate_hz,
                 position_error_m: 0.0,
                 coulomb_n: 0.0,
-                delay_samples: 0,
+                delay_samples: 0.0,
             },
         };
         Some(device::Device {
             position_error_m: self.position_error_mm.map_or(named.position_error_m, |e| e * 1e-3),
             coulomb_n: self.coulomb_n.unwrap_or(named.coulomb_n),
-            delay_samples: self.delay_samples.unwrap_or(named.delay_samples),
+            delay_samples: self.delay_samples.map_or(named.delay_samples, f64::from),
             ..named
         })
     }

@@ -13,6 +13,8 @@ pub mod run;
 pub mod trace;
 pub mod validate;
 
+use crate::precompute::prepare::Interrupted;
+
 /// A slip rule, as options name it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Slip {
@@ -70,6 +72,10 @@ pub enum Failure {
 
 impl<E: Into<anyhow::Error>> From<E> for Failure {
     fn from(error: E) -> Self {
-        Failure::Input(error.into())
+        let error = error.into();
+        match error.downcast_ref::<Interrupted>() {
+            Some(interrupted) => Failure::Interrupted(interrupted.to_string()),
+            None => Failure::Input(error),
+        }
     }
 }

@@ -69,7 +69,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         shard: args.shard,
     };
     let ready = || {
-        let prepared = prepare(&spec, &simulation, &args.spec)?;
+        let prepared = prepare(&spec, &simulation, &args.spec, &CANCELLED)?;
         let Prepared { scene, points, .. } = &prepared;
         scene.notes.iter().for_each(|note| console::note(note));
         let paths: usize = points.iter().map(|p| 1 + p.plan.drags.len()).sum();

@@ -2,7 +2,7 @@
 
 use super::Failure;
 use crate::closed_loop::{self, Setup, Summary};
-use crate::intent::Intent;
+use crate::intent::{Intent, NAMES};
 use crate::trace::{COLUMNS, count, write_row};
 use crate::{console, files};
 use anyhow::{anyhow, bail};
@@ -122,7 +122,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             anyhow!("--virtual-time: give one simulated device, and at most one file to record").into()
         );
     }
-    let inputs = [args.body.as_path(), Path::new(&args.intent)];
+    let mut inputs = vec![args.body.as_path()];
+    // A built-in intent's name is no file's.
+    if !NAMES.contains(&args.intent.as_str()) {
+        inputs.push(Path::new(&args.intent));
+    }
     files::refuse_overwrite(&args.record.iter().collect::<Vec<_>>(), &inputs)?;
     let body = Body::open(&args.body)?;
     let setup = setup(args, &body)?;

@@ -74,7 +74,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
     static CANCELLED: AtomicBool = AtomicBool::new(false);
     console::stop_on_signals(&CANCELLED)?;
-    let Prepared { solver, .. } = prepare(&spec, &simulation, &args.spec)?;
+    let Prepared { solver, .. } = prepare(&spec, &simulation, &args.spec, &CANCELLED)?;
     let model = solver.model();
     let boundary = &model.boundary().nodes;
     let held = boundary.iter().map(|&n| (model.mesh().positions[n as usize], model.is_held(n)));

@@ -20,6 +20,8 @@ use palpate_simulate::{Drag, Model, PointPlan, TetMesh};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering::Relaxed;
 
 /// A mesh's regions and supports as the solver wants them.
 pub struct Physics {
@@ -73,14 +75,41 @@ pub fn inputs_of(spec: &Spec, simulation: &Simulation) -> Vec<PathBuf> {
     inputs
 }
 
-/// Makes all that a run needs, but for its solver.
+/// A signal came while a run was prepared: it ended with the stage under way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Interrupted {
+    /// What was done last.
+    pub after: &'static str,
+}
+
+impl std::fmt::Display for Interrupted {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "stopped while the run was prepared, after {}: nothing was simulated or written",
+            self.after
+        )
+    }
+}
+
+impl std::error::Error for Interrupted {}
+
+/// Makes all that a run needs.
 ///
 /// # Errors
-/// Whatever is wrong with meshes, supports, regions or test points, with its place.
-pub fn prepare(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Prepared<Elements>> {
+/// Whatever is wrong with meshes, supports, regions or test points, with its place; [`Interrupted`] at the end of a stage
+/// in which `cancelled` came true.
+pub fn prepare(
+    spec: &Spec,
+    simulation: &Simulation,
+    path: &Path,
+    cancelled: &AtomicBool,
+) -> Result<Prepared<Elements>> {
+    let go_on = |after| if cancelled.load(Relaxed) { Err(Interrupted { after }) } else { Ok(()) };
     let in_spec = |e: palpate_body::BodyError| e.in_file(path);
     let volume::Source { triangles, mesh, tolerance_m, of_surface, mut notes } =
         volume::source(spec, simulation, path)?;
+    go_on("the volume's mesh")?;
     let surface = assemble::surface(spec, &triangles).map_err(in_spec)?;
     let boundary = mesh.boundary();
     let name = match &spec.geometry {
@@ -114,16 +143,21 @@ pub fn prepare(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Prep
         }
     }
 
-    let holds: Vec<bool> = (0..mesh.positions.len() as u32).map(|n| fixed.contains_key(&n)).collect();
+    let axes = |n| fixed.get(&n).copied().unwrap_or_default();
+    let axes: Vec<[bool; 3]> = (0..mesh.positions.len() as u32).map(axes).collect();
     let (mesh, materials) = regions(simulation, mesh)?;
     let named = |e: palpate_simulate::SimulateError| anyhow!("{}: {e}", name.display());
-    notes.extend(check(&mesh, &holds).map_err(named)?);
+    notes.extend(check(&mesh, &axes).map_err(named)?);
+    go_on("the mesh's checks")?;
     let solver = Elements::new(Physics { mesh, materials, fixed }, simulation, path)?;
     let named = match &simulation.test_points {
         TestPoints::At(points) => points.len(),
         _ => usize::MAX,
     };
-    let guide = guide(solver.model(), &surface, named, super::volume::tool_radius(simulation)?);
+    go_on("the stiffness's factorisation")?;
+    let radius_m = super::volume::tool_radius(simulation)?;
+    let guide = guide(solver.model(), &surface, named, radius_m, cancelled);
+    go_on("the search for the stiffness at rest")?;
     let nodes = choose(simulation, &surface, &held, &guide, path, &mut notes)?;
     let points = nodes.into_iter().map(|node| TestPoint {
         node,
@@ -153,7 +187,9 @@ const GUIDED: usize = 600;
 
 /// The body's stiffness at rest under a patch as wide as the tool, N/m, at each of the surface's nodes: what its
 /// responses go with from place to place, and known everywhere for one substitution each.
-fn guide(model: &Model, surface: &Surface, points: usize, radius_m: f64) -> Vec<f64> {
+///
+/// Of no use once `cancelled` is true.
+fn guide(model: &Model, surface: &Surface, points: usize, radius_m: f64, cancelled: &AtomicBool) -> Vec<f64> {
     let positions = surface.positions();
     if points <= UNGUIDED {
         return vec![1.0; positions.len()];
@@ -161,6 +197,9 @@ fn guide(model: &Model, surface: &Surface, points: usize, radius_m: f64) -> Vec<
     let (places, of) = sparse(positions, surface.inward_normals());
     let at = |&n: &u32| {
         let n = n as usize;
+        if cancelled.load(Relaxed) {
+            return 1.0;
+        }
         model.stiffness_at(positions[n], surface.inward_normals()[n], radius_m)
     };
     let mut found: Vec<f64> = places.par_iter().map(at).collect();
