@@ -205,8 +205,7 @@ impl Gradients {
         turns.clear();
         tensors.clear();
         most.clear();
-        let [depth, lateral] =
-            [responses.depth_knots(), responses.lateral_knots()].map(|k| k.values().len());
+        let [depth, lateral] = [responses.depth_knots(), responses.lateral_knots()].map(|k| k.values().len());
         for n in nodes.iter().map(|&n| n as usize) {
             let Place { start, count } = from.places[n];
             let at = start as usize;

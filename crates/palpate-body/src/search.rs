@@ -5,8 +5,8 @@
 //! without allocation, without panics.
 
 use crate::body::Body;
-use crate::surface::TriangleMesh;
 use crate::patch::Queue;
+use crate::surface::TriangleMesh;
 use glam::DVec3;
 use std::cmp::Reverse;
 

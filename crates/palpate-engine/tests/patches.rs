@@ -92,7 +92,10 @@ fn a_step_on_a_patch_is_the_step_on_the_whole_body() {
             }
         }
     }
-    assert!(touched > steps / 4 && free > steps / 4 && taken > steps / 100, "{steps} {taken} {touched} {free}");
+    assert!(
+        touched > steps / 4 && free > steps / 4 && taken > steps / 100,
+        "{steps} {taken} {touched} {free}"
+    );
 }
 
 #[test]
@@ -114,7 +117,10 @@ fn at_a_patchs_edge_the_contact_point_waits_and_goes_on() {
             assert!(!last.flags.border && imbalance(&last) < 1e-9, "{:?}", last.flags);
             waited += usize::from(last.flags.fenced);
         }
-        assert!(waited > 20 && last.flags.in_contact && contact.counters().fenced == waited as u64, "{rule:?}");
+        assert!(
+            waited > 20 && last.flags.in_contact && contact.counters().fenced == waited as u64,
+            "{rule:?}"
+        );
         let held = last.contact.unwrap();
         // The next patch reaches farther: the contact point runs on to within the limit.
         let next = Patch::new(&body, held.position_m, 2000);

@@ -64,6 +64,7 @@ pub struct Finder {
     link: Arc<Link>,
     body: Arc<Body>,
     elements: usize,
+    #[expect(clippy::vec_box, reason = "the mailboxes hand over boxes, and these go round")]
     hands: Vec<Box<Parcel>>,
     serial: u64,
     /// Middle and radius of the newest patch.

@@ -108,11 +108,29 @@ mod system {
         let _ = clock_nanosleep_absolute(ClockId::Monotonic, &request);
     }
 
-    /// Locks what is in memory now, and each further page once it has been touched, but never fetches one for it: a body may
-    /// be larger than memory.
+    /// Locks what is in memory now, and each further page once it has been touched, but fetches none for it, as a body may be
+    /// larger than memory. The program's own code is fetched: else its first use would be a page fault.
     pub fn lock_memory() -> io::Result<()> {
         use rustix::mm::{MlockAllFlags, mlockall};
-        Ok(mlockall(MlockAllFlags::CURRENT | MlockAllFlags::ONFAULT)?)
+        mlockall(MlockAllFlags::CURRENT | MlockAllFlags::ONFAULT)?;
+        let maps = std::fs::read_to_string("/proc/self/maps")?;
+        maps.lines().filter_map(code).try_for_each(|(from, to)| {
+            #[allow(unsafe_code, reason = "locking memory is a call to the operating system")]
+            // SAFETY: locking changes neither contents nor validity of what is mapped there; if it is no longer, the call fails.
+            unsafe {
+                Ok(rustix::mm::mlock(from as *mut _, to - from)?)
+            }
+        })
+    }
+
+    /// Where a line of the memory's map is code or constants of the program or a library: `from-to r-xp .. /path`.
+    fn code(line: &str) -> Option<(usize, usize)> {
+        let mut words = line.split_ascii_whitespace();
+        let (range, rights, file) = (words.next()?, words.next()?, words.nth(3)?);
+        let (from, to) = range.split_once('-')?;
+        let address = |hex: &str| usize::from_str_radix(hex, 16).ok();
+        let wanted = rights.starts_with('r') && !rights.contains('w') && file.starts_with('/');
+        Some((address(from)?, address(to)?)).filter(|_| wanted)
     }
 
     pub fn fifo(priority: u8) -> io::Result<()> {

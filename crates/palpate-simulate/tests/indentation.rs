@@ -209,8 +209,12 @@ fn hayes_by_tool(per_height: f64, poisson: f64, finest: f64, edge: f64) -> f64 {
     let start = std::time::Instant::now();
     let model = Model::new(mesh, vec![Material::linear(YOUNG_PA, poisson).unwrap()], &fixed).unwrap();
     let tool = Tool::FlatPunch { radius_m, edge_m: edge * radius_m };
-    let plan =
-        PointPlan { point: DVec3::ZERO, inward: DVec3::NEG_Z, depths: vec![depth / 2.0, depth], drags: vec![] };
+    let plan = PointPlan {
+        point: DVec3::ZERO,
+        inward: DVec3::NEG_Z,
+        depths: vec![depth / 2.0, depth],
+        drags: vec![],
+    };
     let paths = model.simulate(&tool, Contact::Frictionless, &plan, &AtomicBool::new(false)).unwrap();
     assert_eq!(paths.press.stopped, None);
     println!("{nodes} nodes, {:.1} s", start.elapsed().as_secs_f64());
