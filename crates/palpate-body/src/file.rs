@@ -405,7 +405,8 @@ impl<'a> File<'a> {
     fn slip(&self) -> Result<SlipRule> {
         let rule = self.json("slip", |text| serde_json::from_value::<SlipRule>(text.into()))?;
         if rule != SlipRule::Paper && self.version < 3 {
-            let problem = format!("it is `{}`, which files of version {} don't know", rule.name(), self.version);
+            let problem =
+                format!("it is `{}`, which files of version {} don't know", rule.name(), self.version);
             let mend = "make the body again, or write `paper` if it was made for that";
             return Err(BodyError::invalid("metadata `slip`", problem, mend));
         }

@@ -223,7 +223,10 @@ fn parts_that_can_slide_are_named() {
     };
     let slides = message(&corner).unwrap_err();
     assert!(slides.contains("part of 6 elements of region `part 1`"), "{slides}");
-    assert!(slides.contains("it can slide or turn: what holds it does so along some of the axes only"), "{slides}");
+    assert!(
+        slides.contains("it can slide or turn: what holds it does so along some of the axes only"),
+        "{slides}"
+    );
     let loose = message(&|p| if first(p) { corner(p) } else { [false; 3] }).unwrap_err();
     assert!(loose.contains("nothing holds it"), "{loose}");
     // Three nodes in a line.
@@ -238,7 +241,10 @@ fn parts_that_can_slide_are_named() {
         (_, false) => [false, false, p.z == 0.0],
     };
     assert_eq!(message(&held), Ok(vec![]));
-    assert_eq!(message(&|p| if first(p) { corner(p) } else { [p.x == 3.0, p.y == 0.0, p.z == 0.0] }), Ok(vec![]));
+    assert_eq!(
+        message(&|p| if first(p) { corner(p) } else { [p.x == 3.0, p.y == 0.0, p.z == 0.0] }),
+        Ok(vec![])
+    );
 }
 
 #[test]

@@ -422,7 +422,10 @@ fn a_signal_ends_the_preparation() {
     let spec = Spec::parse(&path, SPEC.into()).unwrap();
     let simulation = spec.simulation(&path).unwrap();
     let error = prepare::prepare(&spec, &simulation, &path, &AtomicBool::new(true)).err().unwrap();
-    assert_eq!(error.to_string(), "stopped while the run was prepared, after the volume's mesh: nothing was simulated or written");
+    assert_eq!(
+        error.to_string(),
+        "stopped while the run was prepared, after the volume's mesh: nothing was simulated or written"
+    );
     assert!(matches!(Failure::from(error), Failure::Interrupted(_)));
 }
 

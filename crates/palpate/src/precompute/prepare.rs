@@ -84,7 +84,11 @@ pub struct Interrupted {
 
 impl std::fmt::Display for Interrupted {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "stopped while the run was prepared, after {}: nothing was simulated or written", self.after)
+        write!(
+            f,
+            "stopped while the run was prepared, after {}: nothing was simulated or written",
+            self.after
+        )
     }
 }
 
@@ -185,13 +189,7 @@ const GUIDED: usize = 600;
 /// responses go with from place to place, and known everywhere for one substitution each.
 ///
 /// Of no use once `cancelled` is true.
-fn guide(
-    model: &Model,
-    surface: &Surface,
-    points: usize,
-    radius_m: f64,
-    cancelled: &AtomicBool,
-) -> Vec<f64> {
+fn guide(model: &Model, surface: &Surface, points: usize, radius_m: f64, cancelled: &AtomicBool) -> Vec<f64> {
     let positions = surface.positions();
     if points <= UNGUIDED {
         return vec![1.0; positions.len()];
