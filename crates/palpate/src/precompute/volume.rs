@@ -40,7 +40,8 @@ pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Sourc
         None => bail!("{}: [body] names neither mesh nor shape; add one", path.display()),
         Some(Geometry::Shape(shape, resolution)) => {
             let triangles = shape.mesh(*resolution).map_err(|e| e.in_file(path))?;
-            let flat = matches!(shape, Shape::Block { .. });
+            // Regions want elements of their own size.
+            let flat = matches!(shape, Shape::Block { .. }) && simulation.regions.is_empty();
             let mut options = options(simulation, &triangles, flat, path, &mut notes)?;
             let half_height = match shape {
                 Shape::Block { size_mm } => size_mm[2] / 2e3,
