@@ -200,15 +200,15 @@ fn hayes(per_height: f64, poisson: f64, finest: f64) -> f64 {
     kappa(-path.states[0].force_n.z, poisson)
 }
 
-/// κ of the tool `flat_punch` in frictionless contact: what a spec's `shape = "flat-punch"` presses with, but for its rim,
-/// which is rounded by `edge` radii.
-fn hayes_by_tool(per_height: f64, poisson: f64, finest: f64, edge: f64) -> f64 {
-    let (radius_m, depth) = PUNCH_M;
+/// κ of the tool that a spec's `shape = "flat-punch"` presses with, in frictionless contact: `radius` and the rounding of
+/// its rim, `edge`, by the radius of Hayes' punch.
+fn hayes_by_tool(per_height: f64, poisson: f64, finest: f64, [radius, edge]: [f64; 2]) -> f64 {
+    let (unit, depth) = PUNCH_M;
     let (mesh, fixed) = quarter(per_height, finest);
     let nodes = mesh.positions.len();
     let start = std::time::Instant::now();
     let model = Model::new(mesh, vec![Material::linear(YOUNG_PA, poisson).unwrap()], &fixed).unwrap();
-    let tool = Tool::FlatPunch { radius_m, edge_m: edge * radius_m };
+    let tool = Tool::FlatPunch { radius_m: radius * unit, edge_m: edge * unit };
     let plan = PointPlan {
         point: DVec3::ZERO,
         inward: DVec3::NEG_Z,
@@ -221,15 +221,15 @@ fn hayes_by_tool(per_height: f64, poisson: f64, finest: f64, edge: f64) -> f64 {
     kappa(-paths.press.states[1].force_n.z, poisson)
 }
 
-/// The tool itself. A rounded rim touches less than the radius at first: a sharper one comes nearer.
+/// The tool itself. It touches with its flat part and a little of the rounded rim: by its outer radius it is too soft.
 #[test]
 fn flat_punch_as_a_tool() {
     let (per_height, poisson, expected) = (1.0, 0.45, 3.09141);
-    for (edge, allowed) in [(0.05, 0.05), (0.01, 0.02)] {
-        let found = hayes_by_tool(per_height, poisson, 0.04, edge);
+    for (size, least, most) in [([1.0, 0.02], -0.05, 0.0), ([1.02, 0.02], -0.02, 0.03)] {
+        let found = hayes_by_tool(per_height, poisson, 0.04, size);
         let error = found / expected - 1.0;
-        println!("edge {edge} a: {found:.4}, {:+.2} %", 100.0 * error);
-        assert!(error.abs() < allowed, "edge {edge} a: {found}, not {expected}");
+        println!("radius, edge {size:?} a: {found:.4}, {:+.2} %", 100.0 * error);
+        assert!(error > least && error < most, "{size:?} a: {found}, not {expected}");
     }
 }
 
@@ -237,21 +237,13 @@ fn flat_punch_as_a_tool() {
 #[ignore = "a table; some minutes"]
 fn table_of_flat_punch_as_a_tool() {
     for (per_height, poisson, expected) in [(0.5, 0.3, 1.62403), (1.0, 0.45, 3.09141), (1.0, 0.49, 3.48398)] {
-        for (finest, edge) in [(0.04, 0.05), (0.04, 0.01), (0.02, 0.05), (0.02, 0.01)] {
-            let found = hayes_by_tool(per_height, poisson, finest, edge);
-            let error = 100.0 * (found / expected - 1.0);
-            println!("| {per_height} | {poisson} | {finest} a | {edge} a | {error:+.2} % |");
+        for finest in [0.04, 0.02] {
+            for size in [[1.0, 0.02], [1.02, 0.02]] {
+                let found = hayes_by_tool(per_height, poisson, finest, size);
+                let error = 100.0 * (found / expected - 1.0);
+                println!("| {per_height} | {poisson} | {finest} a | {size:?} a | {error:+.2} % |");
+            }
         }
-    }
-}
-
-/// κ from an integral equation, confirmed with FElupe and CalculiX to 0.1 %.
-#[test]
-fn flat_punch_on_a_layer() {
-    for (per_height, poisson, expected) in [(0.5, 0.3, 1.62403), (1.0, 0.45, 3.09141), (1.0, 0.49, 3.48398)] {
-        let found = hayes(per_height, poisson, 0.02);
-        println!("a/h = {per_height}, ν = {poisson}: {found:.4}, {:+.2} %", 100.0 * (found / expected - 1.0));
-        assert!((found / expected - 1.0).abs() < 0.01, "{found}, not {expected}");
     }
 }
 

@@ -124,19 +124,18 @@ fn a_file_of_pushes_cycles_or_not() {
 #[test]
 fn a_coupling_is_in_series() {
     let desk = Desk::new();
-    let summary = |more: &str| desk.json(&format!("--preset bench --intent press {more}"));
+    let text = "[start]\nclearance_mm = 0\n[[move]]\nkind = \"push\"\nforce_n = 2\nseconds = 1\n";
+    desk.write("push.toml", text);
+    let words = |more: &str| format!("--preset bench --hand none --intent push.toml {more}");
     let number = |run: &Value, key: &str| run["sampled_data"][key].as_f64().unwrap();
-    let bare = summary("");
-    let k = number(&bare, "stiffness_max_n_per_m");
-    assert!(k > 600.0 && number(&bare, "met_n_per_m") == k, "{bare}");
-    assert!(
-        said(&desk.simulated("--preset bench --intent press")).contains("keeps a loop of 1000 Hz passive")
-    );
-    let coupled = summary("--coupling-n-per-m 400");
+    let bare = desk.json(&words(""));
+    assert!(number(&bare, "met_n_per_m") == number(&bare, "stiffness_max_n_per_m"), "{bare}");
+    assert!(said(&desk.simulated(&words(""))).contains("keeps a loop of 1000 Hz passive up to 600"));
+    let coupled = desk.json(&words("--coupling-n-per-m 1000"));
     let k = number(&coupled, "stiffness_max_n_per_m");
-    let met = number(&coupled, "met_n_per_m");
-    assert!((met - k * 400.0 / (k + 400.0)).abs() < 1e-9 && met < 400.0, "{coupled}");
-    let told = said(&desk.simulated("--preset bench --intent press --coupling-n-per-m 400"));
+    assert!(k > 600.0, "{coupled}");
+    assert!((number(&coupled, "met_n_per_m") - k * 1e3 / (k + 1e3)).abs() < 1e-9, "{coupled}");
+    let told = said(&desk.simulated(&words("--coupling-n-per-m 1000")));
     assert!(!told.contains("passive up to"), "{told}");
 }
 
@@ -155,7 +154,7 @@ fn complaints_say_where() {
     let wrong = [
         ("[[move]]\nkind = \"press\"\nseconds = 1\n", "depth_mm"),
         ("[[move]]\nkind = \"wave\"\nseconds = 1\n", "wave"),
-        ("[[move]]\nkind = \"press\"\ndepth_mm = 1\nseconds = 0\n", "wrong.toml:1: seconds"),
+        ("[[move]]\nkind = \"press\"\ndepth_mm = 1\nseconds = 0\n", "wrong.toml:4: seconds"),
         ("[device]\nmass_kg = 0\n[[move]]\nkind = \"hold\"\nseconds = 1\n", "wrong.toml:2: mass_kg"),
         (
             "[hand]\nmass_kg = 0\ndamping_n_s_per_m = -1\nstiffness_n_per_m = 0\n[[move]]\nkind = \"hold\"\nseconds = 1\n",

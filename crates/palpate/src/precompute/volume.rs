@@ -40,7 +40,9 @@ pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Sourc
         None => bail!("{}: [body] names neither mesh nor shape; add one", path.display()),
         Some(Geometry::Shape(shape, resolution)) => {
             let triangles = shape.mesh(*resolution).map_err(|e| e.in_file(path))?;
-            let mut options = options(simulation, &triangles, path, &mut notes)?;
+            // Regions want elements of their own size.
+            let flat = matches!(shape, Shape::Block { .. }) && simulation.regions.is_empty();
+            let mut options = options(simulation, &triangles, flat, path, &mut notes)?;
             let half_height = match shape {
                 Shape::Block { size_mm } => size_mm[2] / 2e3,
                 Shape::Cylinder { length_mm, .. } => length_mm / 2e3,
@@ -66,7 +68,7 @@ pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Sourc
                         .map_err(|e| e.in_file(file))?;
                     let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned();
                     notes.extend(report.notes.iter().map(|note| format!("{name}: {note}")));
-                    let options = options(simulation, &triangles, path, &mut notes)?;
+                    let options = options(simulation, &triangles, false, path, &mut notes)?;
                     let filled =
                         fill(&triangles, &options).map_err(|e| anyhow!("{}: {e}", file.display()))?;
                     (triangles, filled, options.surface_edge_m)
@@ -109,10 +111,11 @@ const NODES: f64 = 150e3;
 const MAX_NODES: f64 = 3e6;
 
 /// Element sizes: those of the spec, else half the tool's radius at the surface, where a contact needs a few elements
-/// across.
+/// across. Faces that are `flat` need no small elements for their shape's sake.
 fn options(
     simulation: &Simulation,
     surface: &TriangleMesh,
+    flat: bool,
     path: &Path,
     notes: &mut Vec<String>,
 ) -> Result<FillOptions> {
@@ -136,7 +139,9 @@ fn options(
         [] => tool / 2.0,
         // What the body's shape needs; cells are halved, so that sizes in between would all become smaller.
         _ => {
-            let shape = (volume.cbrt() / 8.0).min(0.75 * volume / area).max(tool / 2.0);
+            let per_shape = if flat { 2.0 } else { 1.0 };
+            let shape = (volume.cbrt() / 8.0).min(0.75 * volume / area) * per_shape;
+            let shape = shape.max(tool / 2.0);
             fine * libm::exp2(libm::log2(shape / fine).floor())
         }
     };
@@ -173,7 +178,7 @@ fn options(
     if !few.is_empty() && fine < edge {
         options.finer = few
             .iter()
-            .map(|p| Ball { centre: on(surface, *p), radius_m: 1.25 * tool, edge_m: SLACK * fine })
+            .map(|p| Ball { centre: on(surface, *p), radius_m: tool, edge_m: SLACK * fine })
             .collect();
         let millimetres = fine * 1e3;
         notes.push(format!(
