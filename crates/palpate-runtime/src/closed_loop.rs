@@ -17,6 +17,8 @@ pub struct HapticLoop {
     counts: StageCounts,
     /// The last sample that was read, and the last pose that the engine was given.
     last: (Sample, ToolPose),
+    /// The pose before that.
+    before: ToolPose,
     stopped: bool,
 }
 
@@ -70,6 +72,7 @@ impl HapticLoop {
             port: Port::default(),
             counts: StageCounts::default(),
             last: (Sample::default(), ToolPose::at([0.0; 3])),
+            before: ToolPose::at([0.0; 3]),
             stopped: false,
         }
     }
@@ -153,6 +156,20 @@ impl HapticLoop {
         Period { time_s: now_s, sample, pose, output, command, flags, fault: unread.or(unwritten) }
     }
 
+    /// Steps a copy of the contact to where the tool would be if it moved on as it did, so that what the next step needs lies in
+    /// the caches. Nothing else comes of it.
+    ///
+    /// # Real-time
+    /// A step of the engine.
+    pub fn rehearse<G: Ground>(&self, ground: &G) {
+        let [last, before] = [self.last.1, self.before].map(|pose| DVec3::from_array(pose.position_m));
+        let pose = ToolPose { position_m: (last * 2.0 - before).to_array(), ..self.last.1 };
+        let mut copy = self.contact.clone();
+        if ready(ground, &mut copy, &pose) {
+            std::hint::black_box(copy.step(ground.body(), &pose));
+        }
+    }
+
     /// A period without reading or stepping: the next command on the way to zero. For a loop that ends, perhaps because
     /// its device can't be read.
     ///
@@ -191,7 +208,7 @@ impl HapticLoop {
         if let Some(coupling) = &mut self.stages.coupling {
             pose.position_m = coupling.tool(DVec3::from_array(pose.position_m)).to_array();
         }
-        self.last.1 = pose;
+        self.before = std::mem::replace(&mut self.last.1, pose);
         if !ready(ground, &mut self.contact, &pose) {
             flags.unset(StageFlags::STEPPED);
             flags.set(StageFlags::WAITED, true);

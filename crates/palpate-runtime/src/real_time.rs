@@ -79,12 +79,15 @@ impl Clock {
         system::now().saturating_sub(self.start)
     }
 
-    /// Sleeps until `spin` before `due`, and is awake from then on. Never sleeps longer than the due time tells, whatever
-    /// anybody does to the machine's clock.
-    pub fn wait(&self, due: u64, spin: u64) {
+    /// Sleeps until `spin` before `due`. Never longer, whatever anybody does to the machine's clock.
+    pub fn sleep(&self, due: u64, spin: u64) {
         if self.now() + spin < due {
             system::sleep_until(self.start + due - spin);
         }
+    }
+
+    /// Waits for `due` awake.
+    pub fn spin(&self, due: u64) {
         while self.now() < due {
             std::hint::spin_loop();
         }
@@ -104,7 +107,7 @@ mod system {
 
     pub fn sleep_until(ns: u64) {
         let request = Timespec { tv_sec: (ns / 1_000_000_000) as i64, tv_nsec: (ns % 1_000_000_000) as i64 };
-        // A signal wakes it early; then the rest is waited for awake or in the next call.
+        // A signal wakes it early; then the rest is waited for awake.
         let _ = clock_nanosleep_absolute(ClockId::Monotonic, &request);
     }
 

@@ -278,7 +278,13 @@ impl Haptic {
         while tally.number <= last {
             let due = due(tally.number, rate_hz);
             if !paced {
-                clock.wait(due, spin);
+                clock.sleep(due, spin);
+            }
+            self.footing.renew(self.haptics.contact_mut());
+            if !paced {
+                // The time is there; the caches are cold after a sleep.
+                self.haptics.rehearse(self.footing.patch());
+                clock.spin(due);
             }
             let began = clock.now();
             let now = began as f64 * 1e-9;
@@ -297,8 +303,8 @@ impl Haptic {
                 return Stop::Alarm(alarm);
             }
             let time = if paced { now } else { tally.number as f64 / rate_hz };
-            self.footing.renew(self.haptics.contact_mut());
             let period = self.haptics.period(self.footing.patch(), device, time);
+            let took = (clock.now() - began).saturating_sub(device.read_ns + device.write_ns);
             let waits = period.flags.has(StageFlags::WAITED) || period.output.flags.fenced;
             tally.waits += u64::from(waits);
             self.footing.report(time, period.pose.position_m, self.haptics.contact(), waits);
@@ -309,7 +315,7 @@ impl Haptic {
             tally.fill(&mut record, &self.footing);
             record.read_ns = device.read_ns as u32;
             record.write_ns = device.write_ns as u32;
-            record.step_ns = (clock.now() - began).saturating_sub(device.read_ns + device.write_ns) as u32;
+            record.step_ns = took as u32;
             self.recorder.push(&record);
             tally.began = began;
             tally.periods += 1;
