@@ -210,7 +210,10 @@ fn the_loop_sets_the_pace() {
     // A busy machine may miss some; where the loop pauses, the thread asks by itself every 2 ms.
     let polls = (start.elapsed().as_secs_f64() / 2e-3) as usize;
     assert!(fresh > 50, "{fresh} new poses in 200 periods");
-    assert!((fresh as usize..210 + polls).contains(&said), "{said} messages for 200 writes and {polls} polls");
+    assert!(
+        (fresh as usize..210 + polls).contains(&said),
+        "{said} messages for 200 writes and {polls} polls"
+    );
 }
 
 #[test]
