@@ -199,7 +199,7 @@ fn the_loop_sets_the_pace() {
     let mut device = service.opened();
     let before = device.read(0.0).unwrap().sequence;
     let said = service.heard.lock().unwrap().len();
-    let mut fresh = 0;
+    let (mut fresh, start) = (0, Instant::now());
     for k in 0..200 {
         device.write(&push([0.0, 0.0, f64::from(k) * 1e-3])).unwrap();
         thread::sleep(Duration::from_millis(1));
@@ -207,9 +207,13 @@ fn the_loop_sets_the_pace() {
         fresh += u32::from(sequence > before + u64::from(fresh));
     }
     let said = service.heard.lock().unwrap().len() - said;
-    // A busy machine may miss some, and the thread's own polls may add some.
-    assert!(fresh > 100, "{fresh} new poses in 200 periods");
-    assert!((150..600).contains(&said), "{said} messages for 200 writes");
+    // A busy machine may miss some; where the loop pauses, the thread asks by itself every 2 ms.
+    let polls = (start.elapsed().as_secs_f64() / 2e-3) as usize;
+    assert!(fresh > 50, "{fresh} new poses in 200 periods");
+    assert!(
+        (fresh as usize..210 + polls).contains(&said),
+        "{said} messages for 200 writes and {polls} polls"
+    );
 }
 
 #[test]
@@ -305,7 +309,7 @@ fn a_service_that_hangs() {
         assert!(start.elapsed() < Duration::from_secs(5));
     };
     assert_eq!(fault, Fault::TimedOut);
-    // Had one of them waited for the service, it would have been for 20 ms.
+    // Had one of them waited for the service, it would have been for 50 ms.
     assert!(
         start.elapsed() / periods < Duration::from_millis(1),
         "{periods} periods in {:?}",

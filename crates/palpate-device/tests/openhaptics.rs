@@ -232,7 +232,7 @@ fn a_scheduler_that_stands() {
     let (_turn, library) = turn();
     let mut device = pressing(&library);
     library.set("stands", 1.0);
-    thread::sleep(Duration::from_millis(5));
+    thread::sleep(Duration::from_millis(50));
     let sequence = device.read(1.0).unwrap().sequence;
     assert_eq!(device.read(1.04).unwrap().sequence, sequence);
     assert_eq!(device.read(1.06), Err(Fault::TimedOut));

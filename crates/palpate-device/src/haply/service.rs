@@ -14,10 +14,10 @@ use tungstenite::{Error, Message, WebSocket, http::Uri};
 
 /// Connecting, and the inventory.
 const SLOW: Duration = Duration::from_secs(2);
-/// A state that takes longer is late.
-const LATE: Duration = Duration::from_millis(20);
+/// A state that takes longer is late: what is older is stale ([`super::STALE_S`]).
+const LATE: Duration = Duration::from_millis(50);
 /// After so many times [`LATE`] nobody waits for it any more.
-const LATE_MOST: u32 = 50;
+const LATE_MOST: u32 = 20;
 /// The loop's silence after which the position is asked for all the same.
 const POLL: Duration = Duration::from_millis(2);
 

@@ -39,8 +39,8 @@ const DEFAULTS: [&str; 2] = ["Default Device", "Default PHANToM"];
 const STALE_S: f64 = 0.05;
 /// How long the first pose may take.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// How long the last callback may take.
-const LAST_CALLBACK: Duration = Duration::from_millis(100);
+/// How long the last callback may take; one period where the scheduler runs.
+const LAST_CALLBACK: Duration = Duration::from_millis(250);
 /// The middle of the scheduler's range, its own default.
 const PRIORITY: u16 = u16::MAX / 2;
 
