@@ -1,5 +1,6 @@
 //! What the operating system gives a haptic thread: a clock to sleep by, a priority, a core, and memory that stays.
 
+use std::fs::File;
 use std::io;
 
 /// What a haptic thread asks for.
@@ -25,7 +26,7 @@ const STACK: usize = 256 << 10;
 impl RealTime {
     /// Makes the calling thread a real-time one. What the system refuses is told, with what to do about it, and is done
     /// without.
-    pub(crate) fn enter(&self) -> Vec<String> {
+    pub(crate) fn enter(&self) -> (Vec<String>, Awake) {
         touch_stack();
         let mut notes = Vec::new();
         let mut ask = |what: &str, granted: io::Result<()>, mend: &str| {
@@ -49,9 +50,13 @@ impl RealTime {
         if self.own_core {
             ask("a core of its own", system::last_core(), "the loop runs on whichever core is free");
         }
-        notes
+        (notes, Awake(self.priority.and_then(|_| system::awake())))
     }
 }
+
+/// As long as it is held, the cores don't go to sleep so deeply that waking takes them long.
+#[derive(Debug)]
+pub(crate) struct Awake(#[expect(dead_code, reason = "to be held, not read")] Option<File>);
 
 /// Writes to the stack that a period may use, so that its pages are there.
 #[inline(never)]
@@ -98,7 +103,8 @@ impl Clock {
 mod system {
     use rustix::thread::{ClockId, CpuSet, clock_nanosleep_absolute, sched_getaffinity, sched_setaffinity};
     use rustix::time::{Timespec, clock_gettime};
-    use std::io;
+    use std::fs::File;
+    use std::io::{self, Write};
 
     pub fn now() -> u64 {
         let t = clock_gettime(ClockId::Monotonic);
@@ -144,6 +150,13 @@ mod system {
         if refused { Err(io::Error::last_os_error()) } else { Ok(()) }
     }
 
+    /// The request is as old as the open file; it is for administrators, and worth no word where it is refused.
+    pub fn awake() -> Option<File> {
+        let mut latency = File::options().write(true).open("/dev/cpu_dma_latency").ok()?;
+        latency.write_all(&0i32.to_ne_bytes()).ok()?;
+        Some(latency)
+    }
+
     /// The last core that the thread may run on, if there is another for everything else.
     pub fn last_core() -> io::Result<()> {
         let allowed = sched_getaffinity(None)?;
@@ -170,6 +183,10 @@ mod system {
 
     pub fn sleep_until(ns: u64) {
         std::thread::sleep(Duration::from_nanos(ns.saturating_sub(now())));
+    }
+
+    pub fn awake() -> Option<std::fs::File> {
+        None
     }
 
     fn missing() -> io::Result<()> {

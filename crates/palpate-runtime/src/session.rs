@@ -228,7 +228,7 @@ enum Stop {
 
 impl Haptic {
     fn run(mut self, device: Box<dyn Device>) -> Report {
-        let notes = self.settings.real_time.enter();
+        let (notes, _awake) = self.settings.real_time.enter();
         let clock = Clock::start();
         let mut device = Timed::new(device, move || clock.now());
         let mut tally = Tally::default();

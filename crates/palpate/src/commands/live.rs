@@ -47,6 +47,9 @@ pub struct LiveArgs {
     /// Priority of the haptic thread (SCHED_FIFO), 1 to 98; 0 asks for nothing
     #[arg(long, value_name = "N", default_value_t = 80)]
     priority: u8,
+    /// How much of the way to each deadline is waited for awake, µs: less jitter, more of a core
+    #[arg(long, value_name = "US", default_value_t = 60.0)]
+    spin_us: f64,
     /// Elements of the patch that the haptic thread works on
     #[arg(long, value_name = "N", default_value_t = palpate_runtime::PATCH_ELEMENTS)]
     patch_elements: usize,
@@ -111,7 +114,11 @@ fn plan(args: &Args) -> Result<Plan> {
     if live.priority > 98 {
         bail!("--priority {}: give one from 0 to 98", live.priority);
     }
+    if !(0.0..=1e5).contains(&live.spin_us) {
+        bail!("--spin-us {}: give a time from 0 to 100,000 µs", live.spin_us);
+    }
     let mut settings = Settings::new(args.rate_hz);
+    settings.real_time.spin_s = live.spin_us * 1e-6;
     settings.seconds = args.seconds;
     settings.patch_elements = live.patch_elements;
     settings.real_time.priority = (live.priority > 0).then_some(live.priority);
