@@ -50,6 +50,12 @@ pub struct LiveArgs {
     /// How much of the way to each deadline is waited for awake, µs: less jitter, more of a core
     #[arg(long, value_name = "US", default_value_t = 60.0)]
     spin_us: f64,
+    /// How late a period may come before the loop ends, ms: up to then the last force is held
+    #[arg(long, value_name = "MS", default_value_t = 100.0)]
+    late_ms: f64,
+    /// How long the device may say nothing new before the loop ends, ms: up to then the force is the last pose's
+    #[arg(long, value_name = "MS", default_value_t = 100.0)]
+    stale_ms: f64,
     /// Elements of the patch that the haptic thread works on
     #[arg(long, value_name = "N", default_value_t = palpate_runtime::PATCH_ELEMENTS)]
     patch_elements: usize,
@@ -117,7 +123,13 @@ fn plan(args: &Args) -> Result<Plan> {
     if !(0.0..=1e5).contains(&live.spin_us) {
         bail!("--spin-us {}: give a time from 0 to 100,000 µs", live.spin_us);
     }
+    for (option, ms) in [("late", live.late_ms), ("stale", live.stale_ms)] {
+        if !(1.0..=1e4).contains(&ms) {
+            bail!("--{option}-ms {ms}: give a time from 1 to 10,000 ms");
+        }
+    }
     let mut settings = Settings::new(args.rate_hz);
+    (settings.patience.late_s, settings.patience.pose_s) = (live.late_ms * 1e-3, live.stale_ms * 1e-3);
     settings.real_time.spin_s = live.spin_us * 1e-6;
     settings.seconds = args.seconds;
     settings.patch_elements = live.patch_elements;
