@@ -3,6 +3,7 @@
 //!
 //! No times are judged: the machine may be busy with something else, and give no rights.
 
+use glam::DVec3;
 use palpate_body::Body;
 use palpate_runtime::{Ending, Record, Recording, RecordingFile};
 use serde_json::Value;
@@ -175,7 +176,7 @@ fn a_recording_is_traced_exported_and_replayed() {
     assert!(again["statistics"]["periods_in_contact"].as_u64().unwrap() > 50, "{again}");
     desk.done("trace block.body --path again.rec -o again.csv");
     let body = Body::open(&desk.path("block.body")).unwrap();
-    let top = body.positions().iter().fold(f64::NEG_INFINITY, |top, p| top.max(p.z));
+    let top = body.point(body.first_touch(DVec3::Z, -DVec3::Z, 0.0).unwrap().at).z;
     desk.write(
         "path.csv",
         &format!(
@@ -263,6 +264,21 @@ fn two_devices_on_one_body_have_two_recordings() {
         let header = Recording::open(&desk.path(&format!("{name}.rec"))).unwrap().header().clone();
         assert_eq!(last["device"], *header.device);
         desk.done(&format!("trace block.body --path {name}.rec -o {name}.csv"));
+    }
+}
+
+/// Scale, place and turn of the device are as they were given.
+#[test]
+fn the_workspace_is_mapped_as_asked() {
+    let desk = Desk::new();
+    let map = "--scale 2 --offset-mm -1,2.5,300 --rotation 0,0,0,-1";
+    desk.live(&format!("--device simulated --seconds 0.05 --record a.rec {map}"));
+    let map = Recording::open(&desk.path("a.rec")).unwrap().header().map;
+    assert_eq!((map.scale, map.offset_m, map.rotation), (2.0, [-1e-3, 2.5e-3, 0.3], [0.0, 0.0, 0.0, -1.0]));
+    for record in desk.records("a.rec").0.iter().filter(|r| r.tool().is_some()) {
+        let [x, y, z] = record.device_position_m;
+        let expected = DVec3::new(-1e-3 - 2.0 * x, 2.5e-3 - 2.0 * y, 0.3 + 2.0 * z);
+        assert!(DVec3::from_array(record.tool_position_m).distance(expected) < 1e-12);
     }
 }
 
@@ -376,7 +392,7 @@ fn wrong_options_are_refused_before_anything_moves() {
         ("--damping-n-s-per-m 1000", 1, &["damping_n_s_per_m"]),
         ("--scale 0", 1, &["scale"]),
         ("--rotation 0,0,0,0", 1, &["rotation"]),
-        ("--offset-mm 1,2", 2, &["--offset-mm"]),
+        ("--offset-mm 1,2", 2, &["--offset-mm", "3 numbers"]),
         ("--clutch-button 40", 1, &["clutch"]),
         ("--record there.rec", 1, &["there.rec", "there already"]),
         ("--record block.body", 1, &["block.body", "input"]),

@@ -36,11 +36,11 @@ pub struct LiveArgs {
     #[arg(long, value_name = "X")]
     scale: Option<f64>,
     /// Where the device's origin is in the body's frame, mm; without it, the tool begins 20 mm above the body's top
-    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 3, allow_hyphen_values = true)]
-    offset_mm: Option<Vec<f64>>,
+    #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, allow_hyphen_values = true)]
+    offset_mm: Option<[f64; 3]>,
     /// How the device's frame is turned in the body's: a unit quaternion
-    #[arg(long, value_name = "W,X,Y,Z", value_delimiter = ',', num_args = 4, allow_hyphen_values = true)]
-    rotation: Option<Vec<f64>>,
+    #[arg(long, value_name = "W,X,Y,Z", value_parser = numbers::<4>, allow_hyphen_values = true)]
+    rotation: Option<[f64; 4]>,
     /// Button that lifts the tool off while it is held, as a mouse is lifted; counted from 0
     #[arg(long, value_name = "N")]
     clutch_button: Option<u32>,
@@ -68,6 +68,15 @@ pub struct LiveArgs {
     /// How the service wants its forces: versions before 3.2 want `values`
     #[arg(long, value_name = "KEY", default_value = "vector", value_parser = ["vector", "values"])]
     haply_force_key: String,
+}
+
+/// As many numbers as an option wants.
+fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let values = text.split(',').map(|word| word.trim().parse()).collect::<Result<Vec<f64>, _>>();
+    values
+        .ok()
+        .and_then(|v| v.try_into().ok())
+        .ok_or_else(|| format!("give {N} numbers with commas between them"))
 }
 
 /// Runs the command.
@@ -146,8 +155,8 @@ fn plan(args: &Args) -> Result<Plan> {
     };
     let place = Place {
         scale: live.scale,
-        offset_m: live.offset_mm.as_deref().map(|mm| DVec3::from_slice(mm) * 1e-3),
-        rotation: live.rotation.as_deref().and_then(|q| q.try_into().ok()),
+        offset_m: live.offset_mm.map(|mm| DVec3::from_array(mm) * 1e-3),
+        rotation: live.rotation,
         clutch: live.clutch_button,
     };
     Ok(Plan {
