@@ -13,7 +13,7 @@ pub(crate) struct Curves {
     /// Of each piece: the powers of each node's curve, in the distance from the knot, (knots × 3 × 4).
     powers: Vec<[[f64; 4]; 3]>,
     /// And of its integral, (knots × 3 × 5).
-    integrals: Vec<[[f64; 5]; 3]>,
+    pub integrals: Vec<[[f64; 5]; 3]>,
     /// Which power of a deflection near 0 all three begin with.
     order: usize,
 }
@@ -35,7 +35,7 @@ impl Curves {
     }
 
     /// The pieces that meet a range, with the part of each that does, in distances from its knot.
-    fn pieces(&self, [lo, hi]: [f64; 2]) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
+    pub fn pieces(&self, [lo, hi]: [f64; 2]) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
         let first = self.knots.iter().skip(1).take_while(|&&k| k <= lo).count();
         (first..self.knots.len()).map_while(move |i| {
             let (knot, next) = (self.knots[i], self.knots.get(i + 1).copied().unwrap_or(f64::INFINITY));
@@ -107,6 +107,18 @@ impl Curves {
                 }
             }))
         })
+    }
+
+    /// A force over a part of one piece, with as many powers of the deflection taken out as near 0 all three nodes' have in
+    /// common.
+    pub fn force(&self, corners: &Corners, piece: usize, from: f64, to: f64) -> (Interval, usize) {
+        let taken = if piece == 0 { self.order } else { 0 };
+        let of = |n| {
+            let p = mixed(n, &self.powers[piece]);
+            let at = |i: usize| p.get(i + taken).copied().unwrap_or(0.0);
+            range([at(0), at(1), at(2), at(3), 0.0], from, to)
+        };
+        (join(corners.map(of)), taken)
     }
 
     /// Σ g F / f for two gradients, m; near 0 with the power in common taken out.

@@ -1,5 +1,6 @@
 //! Branch and bound: from both sides, the least value of a criterion over the slip states of an element.
 
+use super::consistent;
 use super::criteria::{Criterion, limit_reach};
 use super::patch::{Cell, Cut, Patch};
 use std::cmp::Ordering;
@@ -188,11 +189,23 @@ fn best_cut(criterion: Criterion, patch: &Patch, cell: &Cell, evaluations: &mut 
 
 /// The value at a state, with the least deflection within `reaches` that slips.
 fn sample(criterion: Criterion, patch: &Patch, state: Cell, [least, most]: [f64; 2], found: &mut Bounds) {
+    if patch.slopes.is_some() {
+        // At its limit, and as it is.
+        let crossing = consistent::crossing(patch, &state, [least, most]).map(|reach| [reach; 2]);
+        for reach_m in crossing.into_iter().chain([state.reach_m]) {
+            note(criterion, patch, Cell { reach_m, ..state }, found);
+        }
+        return;
+    }
     let reach = limit_reach(patch, &state);
     if reach > most {
         return;
     }
-    let state = Cell { reach_m: [reach.max(least); 2], ..state };
+    note(criterion, patch, Cell { reach_m: [reach.max(least); 2], ..state }, found);
+}
+
+/// The value at a state, if it is the least so far.
+fn note(criterion: Criterion, patch: &Patch, state: Cell, found: &mut Bounds) {
     let value = criterion.bound(patch, &state);
     found.evaluations += 1;
     if value < found.found {
