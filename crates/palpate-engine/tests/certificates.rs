@@ -5,7 +5,7 @@ mod common;
 
 use common::*;
 use glam::DVec3;
-use palpate_body::{Body, TriangleMesh};
+use palpate_body::{Body, SlipRule, TriangleMesh};
 use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, Patch, ROUNDING, least};
 use palpate_engine::{Contact, Output};
 
@@ -13,7 +13,7 @@ use palpate_engine::{Contact, Output};
 const STEP: f64 = 3e-4;
 
 fn assumptions() -> Assumptions {
-    Assumptions { step_m: STEP, depth_m: Some(5e-3), ..Assumptions::default() }
+    Assumptions { step_m: STEP, depth_m: Some(5e-3), slip: SlipRule::Paper, ..Assumptions::default() }
 }
 
 fn bounds(criterion: Criterion, body: &Body, element: u32, evaluations: u32) -> Bounds {

@@ -73,7 +73,9 @@ pub fn least(criterion: Criterion, patch: &Patch, cells: &[Cell], effort: Effort
         let bound = criterion.bound(patch, &cell);
         found.evaluations += 1;
         if bound < f64::INFINITY {
-            sample(criterion, patch, cell.middle(), cell.reach_m, found);
+            if bound < found.found {
+                sample(criterion, patch, cell.middle(), cell.reach_m, found);
+            }
             open.push(Open { bound, cell });
         }
     };
