@@ -196,19 +196,26 @@ fn slips(
 ) -> Option<([Option<Piece>; SHARES], Interval)> {
     let (normal, friction, shares, count) = shares(patch, cell)?;
     let flatness = if patch.slip == SlipRule::Exact { 1.0 } else { frame.u[2].lo };
+    let mut rests = false;
     let pieces = std::array::from_fn(|i| {
         let share = *shares.get(i).filter(|_| i < count)?;
         let vector = pull(drive, share);
-        let limit = friction.lo.max(0.0) * (1.0 - share.hi) * ROUNDED;
-        if length(vector).hi < limit {
+        let (size, limit) = (length(vector), friction.lo.max(0.0) * (1.0 - share.hi) * ROUNDED);
+        if size.hi < limit {
             return None;
         }
+        rests |= can_rest(size, friction, share);
         let along = [vector[0], vector[1]];
         let least = length(flat(vector)).lo.max(limit * flatness);
         Some(Piece { share, least, along, way: direction(along) })
     });
     let any = pieces.iter().any(Option::is_some);
-    (any && came_from_rest(patch, cell, view, frame)).then_some((pieces, normal))
+    (any && (rests || came_from_rest(patch, cell, view, frame))).then_some((pieces, normal))
+}
+
+/// Whether a drive of this size, by the forces, can be within the limit.
+fn can_rest(size: Interval, friction: Interval, share: Interval) -> bool {
+    size.lo * ROUNDED <= friction.hi * (1.0 - share.lo)
 }
 
 /// Whether a step before a state could have been within the limit.
@@ -234,10 +241,7 @@ fn came_from_rest(patch: &Patch, cell: &Cell, view: &View, frame: &Frame) -> boo
     let frame = Frame::new(patch, &view);
     let drive = Drive::new(patch, slopes, &before, &view, &frame);
     let Some((_, friction, shares, count)) = shares(patch, &before) else { return false };
-    shares
-        .iter()
-        .take(count)
-        .any(|share| length(pull(&drive, *share)).lo * ROUNDED <= friction.hi * (1.0 - share.lo))
+    shares.iter().take(count).any(|&share| can_rest(length(pull(&drive, share)), friction, share))
 }
 
 /// As [`Criterion::bound`].
@@ -251,7 +255,8 @@ pub(super) fn bound(criterion: Criterion, patch: &Patch, cell: &Cell, view: &Vie
         // The floor is the paper's rule's.
         Criterion::Floor => f64::NEG_INFINITY,
         Criterion::SnapFree | Criterion::Lipschitz | Criterion::Pace => {
-            lipschitz(criterion, &slope(patch, slopes, cell, view, frame, &pieces, normal))
+            let site = Site::new(patch, slopes, cell, view, frame, normal);
+            lipschitz(criterion, &site.slope(&pieces, criterion != Criterion::SnapFree))
         }
     }
 }
@@ -286,7 +291,11 @@ fn passive(
         let part = dot(pull, stretched).per(force.square()).clip(0.0, f64::INFINITY);
         let led = less(scaled(pull, limit * part + way * 2.0), scaled(stretched, way));
         let t = direction([led[0], led[1]]);
-        straight.min(along(t, (t[0] * p.along[0] + t[1] * p.along[1]).lo))
+        // In û's plane the two are no farther apart than (2 − A) can turn a vector, and the element's is tilted.
+        let [least, greatest] = patch.stretch().map(|a| (2.0 - a).max(0.0));
+        let turned = 2.0 * (least * greatest).sqrt() / (least + greatest) - (1.0 - frame.u[2].lo.powi(2));
+        let own = (t[0] * p.along[0] + t[1] * p.along[1]).lo;
+        straight.min(along(t, if turned > 0.0 { own.max(p.least * turned) } else { own }))
     };
     pieces.iter().flatten().map(of).fold(f64::INFINITY, f64::min)
 }
@@ -319,6 +328,8 @@ struct Site<'a> {
     lateral: Interval,
     lateral_slope: Interval,
     secant: Interval,
+    /// f_r' − f_r/ρ.
+    bend: Interval,
     /// g û·A δ_t, N.
     beside: Interval,
     /// b/|Σ n u|, N.
@@ -388,6 +399,7 @@ impl<'a> Site<'a> {
             lateral,
             lateral_slope: patch.lateral.slope(c, r),
             secant: patch.lateral.secant(c, r),
+            bend: patch.lateral.bend(c, r),
             beside,
             lever,
             nodes,
@@ -432,7 +444,7 @@ impl<'a> Site<'a> {
             + gradient(&patch.friction, z) * self.normal
             + self.friction * normal_gradient;
         // ρ d(f_r/ρ), and f_t = f_r/ρ w.
-        let d_secant = (self.lateral_slope - self.secant) * d_rho + gradient(&patch.lateral, r);
+        let d_secant = self.bend * d_rho + gradient(&patch.lateral, r);
         let d_stretched = sum([scaled(twist, self.deflection), frame.stretch(d_tangential)]);
         let along = self.deflection * frame.along_u;
         let bent = self.deflection * dot(du, frame.stretched);
@@ -513,52 +525,48 @@ impl<'a> Site<'a> {
         let reaction: Box3 = std::array::from_fn(|i| taken[i] - u[i] * through - du[i] * inside);
         Rate { drive: less(d_lateral, reaction), force, limit }
     }
-}
 
-/// What slip does to the drive and the force: along t, P v's direction, v = g̃/|g̃|.
-fn slope(
-    patch: &Patch,
-    slopes: &Slopes,
-    cell: &Cell,
-    view: &View,
-    frame: &Frame,
-    pieces: &[Option<Piece>; SHARES],
-    normal: Interval,
-) -> Slope {
-    let site = Site::new(patch, slopes, cell, view, frame, normal);
-    let own = patch.slip == SlipRule::Exact;
-    let [x, y] = [DVec3::X, DVec3::Y];
-    let along = [site.rate(-x, Some(0)), site.rate(-y, Some(1))];
-    // v = |P v| Σ t_i a_i with a_i = E_i − N û_i/û_z.
-    let lean = [0, 1].map(|i| if own { Interval::ZERO } else { frame.u[i].per(frame.u[2]) });
-    let fall = [0, 1].map(|i| [0, 1].map(|j: usize| lean[i] * along[j].drive[2] - along[j].drive[i]));
-    // Whatever the direction: the least eigenvalue of the symmetric part.
-    let (mean, spread) = ((fall[0][0] + fall[1][1]) * 0.5, (fall[0][0] - fall[1][1]) * 0.5);
-    let skew = (fall[0][1] + fall[1][0]) * 0.5;
-    let eigenvalue = mean.lo - (spread.square() + skew.square()).sqrt().hi;
-    let ways = pieces.iter().flatten().map(|p| p.way);
-    let t = ways.reduce(|a, b| [a[0].join(b[0]), a[1].join(b[1])]).unwrap_or([Interval::ZERO; 2]);
-    let out = lean[0] * t[0] + lean[1] * t[1];
-    let size = Interval::ONE.per((Interval::ONE + out.square()).sqrt());
-    let falls = fall[0][0] * t[0].square() + fall[1][1] * t[1].square() + skew * (t[0] * t[1]) * 2.0;
-    let falls = Interval::new(falls.lo.max(eigenvalue), falls.hi.max(eigenvalue));
-    let eta = along[0].limit * t[0] + along[1].limit * t[1] + size * falls;
-    let force = sum([scaled(along[0].force, t[0]), scaled(along[1].force, t[1])]);
+    /// What slip does to the drive and the force: along t, P v's direction, v = g̃/|g̃|.
+    fn slope(&self, pieces: &[Option<Piece>; SHARES], tips: bool) -> Slope {
+        let Site { patch, frame, .. } = self;
+        let own = patch.slip == SlipRule::Exact;
+        let [x, y] = [DVec3::X, DVec3::Y];
+        let along = [self.rate(-x, Some(0)), self.rate(-y, Some(1))];
+        // v = |P v| Σ t_i a_i with a_i = E_i − N û_i/û_z.
+        let lean = [0, 1].map(|i| if own { Interval::ZERO } else { frame.u[i].per(frame.u[2]) });
+        let fall = [0, 1].map(|i| [0, 1].map(|j: usize| lean[i] * along[j].drive[2] - along[j].drive[i]));
+        // Whatever the direction: the least eigenvalue of the symmetric part.
+        let (mean, spread) = ((fall[0][0] + fall[1][1]) * 0.5, (fall[0][0] - fall[1][1]) * 0.5);
+        let skew = (fall[0][1] + fall[1][0]) * 0.5;
+        let eigenvalue = mean.lo - (spread.square() + skew.square()).sqrt().hi;
+        let ways = pieces.iter().flatten().map(|p| p.way);
+        let t = ways.reduce(|a, b| [a[0].join(b[0]), a[1].join(b[1])]).unwrap_or([Interval::ZERO; 2]);
+        let out = lean[0] * t[0] + lean[1] * t[1];
+        let size = Interval::ONE.per((Interval::ONE + out.square()).sqrt());
+        // With t = (cos φ, sin φ): mean + spread cos 2φ + skew sin 2φ.
+        let cos2 = (t[0].square() - t[1].square()).clip(-1.0, 1.0);
+        let sin2 = (t[0] * t[1] * 2.0).clip(-1.0, 1.0);
+        let falls = mean + spread * cos2 + skew * sin2;
+        let falls = Interval::new(falls.lo.max(eigenvalue), falls.hi.max(eigenvalue));
+        let eta = along[0].limit * t[0] + along[1].limit * t[1] + size * falls;
+        let force = sum([scaled(along[0].force, t[0]), scaled(along[1].force, t[1])]);
 
-    let v = [size * t[0], size * t[1], -(size * out)];
-    let frictionless = site.friction.lo <= 0.0;
-    let tips = DVec3::AXES.map(|axis| {
-        let rate = site.rate(axis, None);
-        let pull = if frictionless { length(rate.drive).hi } else { dot(v, rate.drive).magnitude() };
-        let limit = rate.limit.magnitude();
-        if frictionless { pull + limit } else { (dot(v, rate.drive) - rate.limit).magnitude() }
-    });
-    let steepest = patch.stretch()[1] * site.lateral_slope.hi.max(site.secant.hi);
-    Slope {
-        eta,
-        force: length(force).hi.min((length(along[0].force).hi).hypot(length(along[1].force).hi)),
-        excess: tips.iter().map(|x| x * x).sum::<f64>().sqrt(),
-        stick: site.normal_slope.hi.max(steepest),
+        let v = [size * t[0], size * t[1], -(size * out)];
+        let frictionless = self.friction.lo <= 0.0;
+        let tip = |axis: DVec3| {
+            let rate = self.rate(axis, None);
+            let pull = if frictionless { length(rate.drive).hi } else { dot(v, rate.drive).magnitude() };
+            let limit = rate.limit.magnitude();
+            if frictionless { pull + limit } else { (dot(v, rate.drive) - rate.limit).magnitude() }
+        };
+        let excess: f64 = if tips { DVec3::AXES.map(tip).iter().map(|x| x * x).sum() } else { 0.0 };
+        let steepest = patch.stretch()[1] * self.lateral_slope.hi.max(self.secant.hi);
+        Slope {
+            eta,
+            force: length(force).hi.min((length(along[0].force).hi).hypot(length(along[1].force).hi)),
+            excess: excess.sqrt(),
+            stick: self.normal_slope.hi.max(steepest),
+        }
     }
 }
 
@@ -611,43 +619,4 @@ fn over(patch: &Patch, state: &Cell) -> Option<f64> {
     let (_, friction, shares, _) = shares(patch, state)?;
     let share = shares[0];
     Some(length(pull(&drive, share)).hi - friction.hi * (1.0 - share.lo))
-}
-
-/// How far aside friction can hold, up to `most` times the curves' end: no state beyond it can be within the limit.
-pub(super) fn farthest(patch: &mut Patch, most: f64) {
-    /// Slabs that are looked at.
-    const SLABS: i32 = 12;
-    let end = most * patch.lateral.end();
-    patch.reach_m = end;
-    let step = patch.step_m * patch.stretch()[1].sqrt();
-    // Each a fifth thinner than the one beyond it.
-    let slab = |i: i32| [end * 0.7f64.powi(i + 1), end * 0.7f64.powi(i)];
-    for i in 0..SLABS {
-        let [low, high] = slab(i);
-        let held = patch.cells().into_iter().any(|cell| {
-            let cell =
-                Cell { reach_m: [low, high], depth_m: [0.0, patch.depth_end_m + patch.step_m], ..cell };
-            [0, 1].into_iter().flat_map(|_| cell.halves(super::patch::Cut::Place)).any(|c| at_rest(patch, &c))
-        });
-        if held {
-            patch.beyond = i == 0;
-            patch.reach_m = (high + step).min(end);
-            return;
-        }
-        patch.reach_m = low + step;
-    }
-}
-
-/// Whether a state of a cell can be within the limit.
-fn at_rest(patch: &Patch, cell: &Cell) -> bool {
-    let Some(slopes) = &patch.slopes else { return true };
-    let view = patch.view(cell);
-    let frame = Frame::new(patch, &view);
-    if view.u.iter().any(|u| u.z <= 0.0) {
-        return true;
-    }
-    let drive = Drive::new(patch, slopes, cell, &view, &frame);
-    let Some((_, friction, shares, count)) = shares(patch, cell) else { return false };
-    let held = |share: &Interval| length(pull(&drive, *share)).lo * ROUNDED <= friction.hi * (1.0 - share.lo);
-    shares.iter().take(count).any(held)
 }

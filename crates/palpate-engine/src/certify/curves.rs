@@ -109,6 +109,21 @@ impl Curves {
         })
     }
 
+    /// Slope less secant, of a curve that begins at 0: of the difference's own polynomial.
+    pub fn bend(&self, corners: &Corners, span: [f64; 2]) -> Interval {
+        self.over(span, |i, s, e| {
+            let knot = self.knots[i];
+            join(corners.map(|n| {
+                let [a, b, c, d] = mixed(n, &self.powers[i]);
+                if i == 0 {
+                    return range([0.0, c, 2.0 * d, 0.0, 0.0], s, e);
+                }
+                let p = [b * knot - a, 2.0 * c * knot, c + 3.0 * d * knot, 2.0 * d, 0.0];
+                range(p, s, e).per(Interval::new(knot + s, knot + e))
+            }))
+        })
+    }
+
     /// A force over a part of one piece, with as many powers of the deflection taken out as near 0 all three nodes' have in
     /// common.
     pub fn force(&self, corners: &Corners, piece: usize, from: f64, to: f64) -> (Interval, usize) {

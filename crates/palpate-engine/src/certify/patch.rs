@@ -147,7 +147,7 @@ pub struct Patch {
     pub(super) radius_m: f64,
     /// Deepest δz, m.
     pub(super) depth_end_m: f64,
-    /// Greatest ρ, m.
+    /// Greatest ρ that is looked at, m.
     pub(super) reach_m: f64,
     /// Whether friction holds farther than that.
     pub(super) beyond: bool,
@@ -218,10 +218,6 @@ impl Patch {
             aside: assumptions.aside_rad,
         };
         patch.depth_end_m = assumptions.depth_m.unwrap_or(patch.normal.end()).min(patch.normal.end());
-        if patch.slopes.is_some() {
-            super::consistent::farthest(&mut patch, FARTHEST);
-            return patch;
-        }
         // Within the limit before the step, a step deeper: the limit then is the most that friction can hold.
         let depth = [0.0, patch.depth_end_m + patch.step_m];
         let held = patch.friction.hull(&WHOLE, depth).hi * patch.normal.rising(&WHOLE, depth).hi;
@@ -230,6 +226,10 @@ impl Patch {
         let farthest = FARTHEST * patch.lateral.end();
         patch.beyond = reach > farthest;
         patch.reach_m = reach.min(farthest);
+        if patch.slopes.is_some() {
+            // The energy's gradients can hold the point too, in principle at any deflection: to the curves' end it is seen to.
+            patch.reach_m = patch.reach_m.max(patch.lateral.end());
+        }
         patch
     }
 
