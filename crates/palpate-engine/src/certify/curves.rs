@@ -94,19 +94,13 @@ impl Curves {
         })
     }
 
-    /// Value by deflection, of a curve that begins at 0.
+    /// Value by deflection, of a curve that begins at 0: a mean of that at the span's beginning and of slopes after it.
     pub fn secant(&self, corners: &Corners, span: [f64; 2]) -> Interval {
-        self.over(span, |i, s, e| {
-            join(corners.map(|n| {
-                let [a, b, c, d] = mixed(n, &self.powers[i]);
-                if i == 0 {
-                    range([b, c, d, 0.0, 0.0], s, e)
-                } else {
-                    let knot = self.knots[i];
-                    range([a, b, c, d, 0.0], s, e).per(Interval::new(knot + s, knot + e))
-                }
-            }))
-        })
+        let slopes = self.slope(corners, span);
+        if span[0] <= 0.0 {
+            return slopes;
+        }
+        slopes.join(Interval::hull(corners.map(|n| self.value(n, span[0]) / span[0])))
     }
 
     /// Slope less secant, of a curve that begins at 0: of the difference's own polynomial.

@@ -83,6 +83,7 @@ pub fn least(criterion: Criterion, patch: &Patch, cells: &[Cell], effort: Effort
     for cell in cells {
         add(*cell, &mut found, &mut open);
     }
+    let mut cuts = Cuts::default();
     while let Some(Open { bound, cell }) = open.peek() {
         found.proved = *bound;
         let near = effort.absolute.max(effort.relative * found.found.abs());
@@ -91,7 +92,8 @@ pub fn least(criterion: Criterion, patch: &Patch, cells: &[Cell], effort: Effort
         if found.found - bound <= near || found.evaluations >= evaluations {
             return found;
         }
-        let Some(cut) = best_cut(criterion, patch, cell, &mut found.evaluations) else { return found };
+        let cut = cuts.best(criterion, patch, cell, *bound, &mut found.evaluations);
+        let Some(cut) = cut else { return found };
         let halves = cell.halves(cut);
         open.pop();
         for half in halves {
@@ -172,22 +174,53 @@ fn descend_along(
     sample(criterion, patch, next, reaches, found);
 }
 
-/// The direction whose extent costs the bound most; the widest where no one direction does.
-fn best_cut(criterion: Criterion, patch: &Patch, cell: &Cell, evaluations: &mut u32) -> Option<Cut> {
-    let mut best: Option<(f64, f64, Cut)> = None;
-    for cut in Cut::ALL {
-        let width = cell.width(cut, patch);
+/// What the extent in each direction costs the bound.
+#[derive(Default)]
+struct Cuts {
+    /// By width, as it was lately.
+    worth: [f64; 4],
+    made: u32,
+}
+
+impl Cuts {
+    /// Cuts after the first ones for each that is tried in all directions: trying costs twice as much as cutting.
+    const TRIED: u32 = 4;
+
+    /// The direction whose extent costs the bound most; the widest where no one direction does.
+    fn best(
+        &mut self,
+        criterion: Criterion,
+        patch: &Patch,
+        cell: &Cell,
+        bound: f64,
+        evaluations: &mut u32,
+    ) -> Option<Cut> {
         // A hundred-thousandth of all there is: what differs within that is rounding.
-        if width < 1e-5 {
-            continue;
+        let widths = Cut::ALL.map(|cut| Some(cell.width(cut, patch)).filter(|w| *w >= 1e-5));
+        self.made += 1;
+        let tried = self.made < 16 || self.made % Self::TRIED == 0;
+        if tried || bound == f64::NEG_INFINITY {
+            let mut best: Option<(f64, f64, Cut)> = None;
+            for ((cut, width), worth) in Cut::ALL.into_iter().zip(widths).zip(&mut self.worth) {
+                let Some(width) = width else { continue };
+                *evaluations += 1;
+                let without = criterion.bound(patch, &cell.flat(cut));
+                if best.is_none_or(|(bound, w, _)| (without, width) > (bound, w)) {
+                    best = Some((without, width, cut));
+                }
+                let gain = (without - bound) / width;
+                if gain.is_finite() {
+                    *worth += 0.3 * (gain - *worth);
+                }
+            }
+            return best.map(|(.., cut)| cut);
         }
-        *evaluations += 1;
-        let without = criterion.bound(patch, &cell.flat(cut));
-        if best.is_none_or(|(bound, w, _)| (without, width) > (bound, w)) {
-            best = Some((without, width, cut));
-        }
+        let cost = |i: usize| widths[i].map(|w| w * self.worth[i].max(0.0));
+        let worst = (0..4)
+            .filter(|&i| widths[i].is_some())
+            .max_by(|&i, &j| cost(i).partial_cmp(&cost(j)).unwrap_or(Ordering::Equal));
+        worst.map(|i| Cut::ALL[i])
     }
-    best.map(|(.., cut)| cut)
 }
 
 /// The value at a state, with the least deflection within `reaches` that slips.
