@@ -573,22 +573,24 @@ impl<'a> Site<'a> {
 /// Where a state's drive comes to its limit as the deflection grows, m; its own where it does not.
 pub(super) fn limit_reach(patch: &Patch, state: &Cell) -> f64 {
     let reach = state.reach_m[0];
-    crossing(patch, state, [0.0, patch.reach_m]).unwrap_or(reach)
+    crossing(patch, state, [0.0, patch.reach_m], 16).unwrap_or(reach)
 }
 
-/// The largest ρ in a range beyond which the drive is over its limit, m.
-pub(super) fn crossing(patch: &Patch, state: &Cell, [least, most]: [f64; 2]) -> Option<f64> {
+/// The largest ρ in a range beyond which the drive is over its limit, m, or where it is least over it: to a third of the range
+/// by look, and from there in so many steps.
+pub(super) fn crossing(patch: &Patch, state: &Cell, [least, most]: [f64; 2], steps: u32) -> Option<f64> {
     let excess = |reach: f64| {
         let state = Cell { reach_m: [reach; 2], ..*state };
         over(patch, &state)
     };
-    let at = |i: u32| least + (most - least) * f64::from(i) / 6.0;
+    let at = |i: u32| least + (most - least) * f64::from(i) / 3.0;
     let (mut high, mut beyond) = (most, excess(most)?);
-    for i in (0..6).rev() {
+    let mut nearest = (beyond, most);
+    for i in (0..3).rev() {
         let (low, within) = (at(i), excess(at(i))?);
         if beyond >= 0.0 && within < 0.0 {
             let (mut a, mut b, mut fa, mut fb) = (low, high, within, beyond);
-            for _ in 0..12 {
+            for _ in 0..steps {
                 // The false position, with the end that stays halved (Illinois); what is kept is beyond the limit.
                 let c = (b - fb * (b - a) / (fb - fa)).clamp(a, b);
                 let f = excess(c)?;
@@ -606,8 +608,11 @@ pub(super) fn crossing(patch: &Patch, state: &Cell, [least, most]: [f64; 2]) -> 
             return Some(b);
         }
         (high, beyond) = (low, within);
+        if within.abs() < nearest.0.abs() {
+            nearest = (within, low);
+        }
     }
-    None
+    Some(nearest.1).filter(|_| nearest.0 >= 0.0)
 }
 
 /// |g̃|/f − μ f_z/f at a state.

@@ -110,7 +110,9 @@ fn scan(criterion: Criterion, patch: &Patch, cell: &Cell, found: &mut Bounds) {
     let state = cell.middle();
     let places = [cell.corners[0], cell.corners[1], cell.corners[2], state.corners[0]];
     for place in places {
-        for share in [0.05, 0.3, 0.65, 1.0] {
+        // Where the limit has to be searched for, fewer depths.
+        let shares: &[f64] = if patch.slopes.is_none() { &[0.05, 0.3, 0.65, 1.0] } else { &[0.3, 1.0] };
+        for share in shares {
             let depth = cell.depth_m[0] + share * (cell.depth_m[1] - cell.depth_m[0]);
             let state = Cell { corners: [place; 3], depth_m: [depth; 2], ..state };
             sample(criterion, patch, state, cell.reach_m, found);
@@ -227,7 +229,7 @@ impl Cuts {
 fn sample(criterion: Criterion, patch: &Patch, state: Cell, [least, most]: [f64; 2], found: &mut Bounds) {
     if patch.slopes.is_some() {
         // At its limit, and as it is.
-        let crossing = consistent::crossing(patch, &state, [least, most]).map(|reach| [reach; 2]);
+        let crossing = consistent::crossing(patch, &state, [least, most], 4).map(|reach| [reach; 2]);
         for reach_m in crossing.into_iter().chain([state.reach_m]) {
             note(criterion, patch, Cell { reach_m, ..state }, found);
         }

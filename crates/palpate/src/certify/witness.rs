@@ -34,9 +34,23 @@ pub struct Shown {
     pub waypoints: Vec<Waypoint>,
 }
 
-/// A path that makes energy out of nothing near a state that breaks P: presses at the state's contact point, or a little
-/// before it, and drags across, with all slips where P is broken.
+/// Shares of a state's depth at which it is tried: where P and S are both broken no path may come as deep.
+const DEPTHS: [f64; 5] = [1.0, 0.7, 0.5, 0.3, 0.2];
+
+/// A path that makes energy out of nothing near a state that breaks P, as deep or less.
 pub fn of_energy(body: &Body, assumptions: &Assumptions, element: u32, cell: &Cell) -> Option<Shown> {
+    DEPTHS.iter().find_map(|share| {
+        let cell = Cell {
+            depth_m: cell.depth_m.map(|z| z * share),
+            reach_m: cell.reach_m.map(|r| r * share),
+            ..*cell
+        };
+        generating(body, assumptions, element, &cell)
+    })
+}
+
+/// Presses at the state's contact point, or a little before it, and drags across, with all slips where P is broken.
+fn generating(body: &Body, assumptions: &Assumptions, element: u32, cell: &Cell) -> Option<Shown> {
     let patch = Patch::new(body, element, assumptions);
     let broken = |cell: &Cell| Criterion::Passive.bound(&patch, cell) < 0.0;
     // Along the way, with friction just overcome.

@@ -2,9 +2,7 @@
 
 use super::Failure;
 use crate::certify::witness::{self, Shown};
-use crate::certify::{
-    Certificate, EVALUATIONS, Element, Holds, certificate, device, elements, floor, window,
-};
+use crate::certify::{Certificate, Element, Holds, certificate, device, elements, floor, window};
 use crate::path::Waypoint;
 use crate::{console, files, vtu};
 use palpate_body::{Body, SlipRule};
@@ -43,9 +41,9 @@ pub struct Args {
     /// Deepest that the tool goes, mm; the curves' end if not given
     #[arg(long, value_name = "X")]
     depth_mm: Option<f64>,
-    /// Bounds computed for each element and certificate, at most
-    #[arg(long, value_name = "N", default_value_t = EVALUATIONS)]
-    evaluations: u32,
+    /// Bounds computed for each element and certificate, at most; 3000 for the rule paper, 600 for the others if not given
+    #[arg(long, value_name = "N")]
+    evaluations: Option<u32>,
     /// How P and S fare with less and more friction, by search
     #[arg(long)]
     window: bool,
@@ -98,6 +96,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut body = Body::open(&args.body)?;
     let rule = args.slip.map_or(body.slip(), super::Slip::rule);
     args.check_rule(rule)?;
+    let evaluations = args.evaluations.unwrap_or_else(|| crate::certify::evaluations(rule));
     let assumptions = Assumptions {
         slip: rule,
         step_m: args.step_mm * 1e-3,
@@ -105,7 +104,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         ..Assumptions::default()
     };
     if let (true, Some(output)) = (args.raise_friction, &args.output) {
-        let (raised, report) = floor::raise(&body, &assumptions, args.evaluations)?;
+        let (raised, report) = floor::raise(&body, &assumptions, evaluations)?;
         raised.save(output)?;
         body = raised;
         console::note(&format!(
@@ -117,14 +116,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             report.largest_friction
         ));
     }
-    let elements = elements(&body, &assumptions, args.evaluations);
+    let elements = elements(&body, &assumptions, evaluations);
     let mut found = certificate(&body, &assumptions, &elements);
     if args.window {
         found.window = window(&body, &assumptions);
     }
     found.device = args.device().map(|device| {
         let pace = (device.position_error_m > 0.0 && found.snap_free.holds)
-            .then(|| pace(&body, &assumptions, args.evaluations))
+            .then(|| pace(&body, &assumptions, evaluations))
             .flatten();
         device::limits(&body, device, found.lipschitz_n_per_m, pace)
     });
