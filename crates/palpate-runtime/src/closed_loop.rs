@@ -82,8 +82,8 @@ impl HapticLoop {
         &self.contact
     }
 
-    /// The same, to take it over to another patch of its body.
-    pub(crate) fn contact_mut(&mut self) -> &mut Contact {
+    /// The same, to take it over to another patch of its body: [`Footing::renew`](crate::Footing::renew).
+    pub fn contact_mut(&mut self) -> &mut Contact {
         &mut self.contact
     }
 
@@ -179,12 +179,20 @@ impl HapticLoop {
     /// # Real-time
     /// As bounded as the device's `write`.
     pub fn fade(&mut self, device: &mut dyn Device, now_s: f64) -> Result<Command, Fault> {
+        let period = self.fading(device, now_s);
+        period.fault.map_or(Ok(period.command), Err)
+    }
+
+    /// As [`fade`](Self::fade), as a period to be recorded.
+    pub(crate) fn fading(&mut self, device: &mut dyn Device, now_s: f64) -> Period {
         self.stop();
         let mut flags = StageFlags::default();
-        let command = self.command(now_s, &Output::default(), &mut flags);
-        let written = self.write(device, &command, &mut flags);
+        let output = Output { energy: *self.contact.energy(), ..Output::default() };
+        let command = self.command(now_s, &output, &mut flags);
+        let fault = self.write(device, &command, &mut flags).err();
         self.counts.add(flags);
-        written.map(|()| command)
+        let (sample, pose) = self.last;
+        Period { time_s: now_s, sample, pose, output, command, flags, fault }
     }
 
     /// The device's sample, and whether its pose is believed.

@@ -14,7 +14,7 @@ use crate::finder::{Finder, Footing, footing};
 use crate::real_time::{Clock, RealTime, lock_memory};
 use crate::record::{Record, Recorder};
 use crate::watch::{Alarm, End, Patience, Watch};
-use crate::{HapticLoop, PageFaults, StageFlags, Timed};
+use crate::{HapticLoop, PageFaults, Period, StageFlags, Timed};
 use palpate_body::Body;
 use palpate_device::{Command, Device, Fault, OpenError, Pace};
 use std::any::Any;
@@ -118,10 +118,22 @@ impl Session {
     /// The device can't be opened, or the system gives no thread. The device is closed then.
     pub fn start(
         body: Arc<Body>,
+        device: Box<dyn Device>,
+        haptics: HapticLoop,
+        recorder: Recorder,
+        settings: Settings,
+    ) -> Result<Session, StartError> {
+        Self::start_with(body, device, haptics, recorder, settings, find)
+    }
+
+    /// The same with another finder's thread than [`find`].
+    fn start_with(
+        body: Arc<Body>,
         mut device: Box<dyn Device>,
         haptics: HapticLoop,
         recorder: Recorder,
         settings: Settings,
+        find: impl FnOnce(Finder, &Shared, Duration) + Send + 'static,
     ) -> Result<Session, StartError> {
         device.open()?;
         // Where it is tells where the first patch should be; a device that doesn't know yet may be anywhere.
@@ -132,7 +144,10 @@ impl Session {
         let shared = Arc::new(Shared::default());
         let finding = thread::Builder::new().name("palpate-finder".into()).spawn({
             let shared = shared.clone();
-            move || find(finder, &shared, Duration::from_secs_f64(settings.finder_pause_s))
+            move || {
+                let _gone = Gone(&shared.finder_gone);
+                find(finder, &shared, Duration::from_secs_f64(settings.finder_pause_s));
+            }
         })?;
         let rendering = thread::Builder::new().name("palpate-haptic".into()).spawn({
             let shared = shared.clone();
@@ -193,16 +208,17 @@ fn words(panic: &(dyn Any + Send)) -> String {
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "without a word".into())
 }
 
+/// Tells the haptic thread that the finder's has ended, however it did.
+struct Gone<'a>(&'a AtomicBool);
+
+impl Drop for Gone<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Release);
+    }
+}
+
 /// The contact finder's thread.
 fn find(mut finder: Finder, shared: &Shared, pause: Duration) {
-    /// However it ends.
-    struct Gone<'a>(&'a AtomicBool);
-    impl Drop for Gone<'_> {
-        fn drop(&mut self) {
-            self.0.store(true, Ordering::Release);
-        }
-    }
-    let _gone = Gone(&shared.finder_gone);
     while !shared.over.load(Ordering::Acquire) {
         if !finder.look() {
             thread::sleep(pause);
@@ -242,7 +258,7 @@ impl Haptic {
             // Nothing that panicked is asked again: straight to zero.
             let _ = catch_unwind(AssertUnwindSafe(|| device.write(&Command::default())));
         } else {
-            self.fade(&mut device, clock);
+            self.fade(&mut device, clock, &mut tally);
         }
         let _ = catch_unwind(AssertUnwindSafe(|| device.close()));
         self.shared.over.store(true, Ordering::Release);
@@ -312,36 +328,63 @@ impl Haptic {
             let waits = period.flags.has(StageFlags::WAITED) || period.output.flags.fenced;
             tally.waits += u64::from(waits);
             self.footing.report(time, period.pose.position_m, self.haptics.contact(), waits);
-            let mut record = Record::new(tally.number, &self.haptics, &period);
-            record.started_ns = began;
-            record.lateness_ns = late;
-            record.period_ns = if tally.periods > 0 { began - tally.began } else { 0 };
-            tally.fill(&mut record, &self.footing);
-            record.read_ns = device.read_ns as u32;
-            record.write_ns = device.write_ns as u32;
-            record.step_ns = took as u32;
-            self.recorder.push(&record);
-            tally.began = began;
-            tally.periods += 1;
+            self.record(
+                &period,
+                tally,
+                Times { began, late, took, of_device: (device.read_ns, device.write_ns) },
+            );
             if let Some(alarm) = watch.end(now, period.sample.sequence, period.fault) {
                 return Stop::Alarm(alarm);
             }
-            tally.number += 1;
         }
         Stop::Done
     }
 
+    /// Hands a period to the scribe, and goes on to the next.
+    fn record(&mut self, period: &Period, tally: &mut Tally, times: Times) {
+        let Times { began, late, took, of_device: (read_ns, write_ns) } = times;
+        let mut record = Record::new(tally.number, &self.haptics, period);
+        record.started_ns = began;
+        record.lateness_ns = late;
+        record.period_ns = if tally.periods > 0 { began - tally.began } else { 0 };
+        tally.fill(&mut record, &self.footing);
+        record.read_ns = read_ns as u32;
+        record.write_ns = write_ns as u32;
+        record.step_ns = took as u32;
+        self.recorder.push(&record);
+        tally.began = began;
+        tally.periods += 1;
+        tally.number += 1;
+    }
+
     /// Brings the force to zero, in at most two periods, and one more for a device that did not take the first.
-    fn fade<C: Fn() -> u64 + Send>(&mut self, device: &mut Timed<Box<dyn Device>, C>, clock: Clock) {
+    fn fade<C: Fn() -> u64 + Send>(
+        &mut self,
+        device: &mut Timed<Box<dyn Device>, C>,
+        clock: Clock,
+        tally: &mut Tally,
+    ) {
         for _ in 0..3 {
+            let began = clock.now();
             // A device that is gone fails here too, and there is nothing more to do for it.
-            let _ = self.haptics.fade(device, clock.now() as f64 * 1e-9);
+            let period = self.haptics.fading(device, began as f64 * 1e-9);
+            self.record(&period, tally, Times { began, of_device: (0, device.write_ns), ..Times::default() });
             if self.haptics.is_silent() {
                 break;
             }
             thread::sleep(Duration::from_secs_f64(1.0 / self.settings.rate_hz));
         }
     }
+}
+
+/// When a period began, how late, and what it took, ns.
+#[derive(Debug, Clone, Copy, Default)]
+struct Times {
+    began: u64,
+    late: i64,
+    took: u64,
+    /// Read and write.
+    of_device: (u64, u64),
 }
 
 /// What is counted from period to period.
@@ -383,3 +426,6 @@ fn ns(seconds: f64) -> u64 {
 fn due(number: u64, rate_hz: f64) -> u64 {
     (number as f64 / rate_hz * 1e9).round() as u64
 }
+
+#[cfg(test)]
+mod tests;

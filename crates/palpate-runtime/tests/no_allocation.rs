@@ -1,16 +1,20 @@
-//! A period of the loop allocates nothing, with all stages on: a forbidden allocation aborts the test.
+//! A period of the loop allocates nothing, with all stages on, on a body and on patches of it: a forbidden allocation aborts
+//! the test.
 
 mod common;
 
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
-use common::plane;
+use common::{plane, shape, with_field};
 use glam::DVec3;
+use palpate_body::shape::Shape;
 use palpate_device::simulated::{Move, Script};
 use palpate_device::{Device, Fault, Simulated, presets};
 use palpate_engine::Contact;
 use palpate_runtime::{
-    Coupling, Damping, HapticLoop, Limit, PassivityController, Record, Stages, Statistics, WorkspaceMap, ring,
+    Coupling, Damping, HapticLoop, Limit, PassivityController, Record, Stages, Statistics, WorkspaceMap,
+    footing, ring,
 };
+use std::sync::Arc;
 
 #[global_allocator]
 static ALLOCATOR: AllocDisabler = AllocDisabler;
@@ -53,4 +57,51 @@ fn a_period_allocates_nothing() {
         assert!(DVec3::from_array(step.command.force_n).length() <= 3.3);
     }
     assert!(touched > 300 && recorder.dropped() == 300, "{touched}");
+}
+
+/// What the haptic thread does in a period, with the contact finder's looks in between, which may allocate.
+#[test]
+fn a_period_on_patches_allocates_nothing_while_they_are_renewed() {
+    let mesh = shape(Shape::Sphere { radius_mm: 30.0 }, 0.7);
+    let body = Arc::new(with_field(&mesh, 600.0, 500.0, 0.1, &|p| 1.0 + 0.3 * libm::sin(p.x * 90.0)));
+    let moves = [
+        Move::Press { depth_m: 5e-3, seconds: 0.2 },
+        Move::Drag { along_m: 0.03, across_m: 5e-3, seconds: 0.6 },
+        Move::Tap { depth_m: -8e-3, times: 3, seconds: 0.4 },
+    ];
+    let top = DVec3::Z * 0.03;
+    let script = Script::new(top, 1e-3, -DVec3::Z, DVec3::X, &moves).unwrap();
+    let (hand, _) = presets::hand("fingers").unwrap();
+    let mut device = Simulated::new(presets::device("touch").unwrap(), hand, Box::new(script));
+    device.open().unwrap();
+    let stages = Stages { force: Limit::new(3.3, 1.65), ..Stages::default() };
+    let mut haptics = HapticLoop::new(Contact::new(&body), WorkspaceMap::default(), stages);
+    let (mut footing, mut finder) = footing(body, top.to_array(), 200);
+    let (mut recorder, _records) = ring(2000);
+    let (mut touched, mut patches, mut waited) = (0, 0, 0);
+    for k in 0..1200u32 {
+        // It skips looks now and then, so that the loop meets the fence.
+        if k % 100 < 30 {
+            finder.look();
+        }
+        let time = f64::from(k) * 1e-3;
+        let (period, renewed) = assert_no_alloc(|| {
+            let before = footing.asked().0;
+            footing.renew(haptics.contact_mut());
+            haptics.rehearse(footing.patch());
+            let period = haptics.period(footing.patch(), &mut device, time);
+            let waits = period.output.flags.fenced;
+            footing.report(time, period.pose.position_m, haptics.contact(), waits);
+            assert!(recorder.push(&Record::new(k.into(), &haptics, &period)));
+            (period, footing.asked().0 != before)
+        });
+        assert_eq!(period.fault, None);
+        touched += u32::from(period.output.flags.in_contact);
+        patches += u32::from(renewed);
+        waited += u32::from(period.output.flags.fenced);
+    }
+    println!("{touched} in contact, {patches} patches, {waited} at the fence");
+    assert!(touched > 300 && patches > 10 && waited > 0, "{touched} {patches} {waited}");
+    assert_eq!(footing.refused(), 0);
+    let _ = haptics.fade(&mut device, 1.2);
 }

@@ -25,6 +25,7 @@ enum Mishap {
     NoNumbers,
     Frozen,
     Jumps,
+    JumpsBack,
     ReadPanics,
     WritePanics,
     Stalls,
@@ -83,6 +84,9 @@ impl Device for Rigged {
         if self.happens(Mishap::Jumps) {
             sample.pose.position_m[2] -= 0.1;
         }
+        if self.happens(Mishap::JumpsBack) && self.now_s < self.at_s + AWAY {
+            sample.pose.position_m[2] -= 0.5;
+        }
         self.last = sample;
         Ok(sample)
     }
@@ -101,6 +105,8 @@ impl Device for Rigged {
 }
 
 const HURT: f64 = 0.25;
+/// A jump of half a metre that comes back does so after this, s: long before it could have been a motion.
+const AWAY: f64 = 8e-3;
 
 fn rigged(mishap: Mishap, place: DVec3) -> (Rigged, Arc<Mutex<Log>>) {
     let moves = [
@@ -157,6 +163,7 @@ fn whatever_happens_to_the_device_the_force_ends_in_time_and_the_reason_is_said(
         Mishap::NoNumbers,
         Mishap::Frozen,
         Mishap::Jumps,
+        Mishap::JumpsBack,
         Mishap::ReadPanics,
         Mishap::WritePanics,
         Mishap::Unanswering,
@@ -167,7 +174,9 @@ fn whatever_happens_to_the_device_the_force_ends_in_time_and_the_reason_is_said(
         let touched = commands.iter().filter(|(t, f)| *t < HURT && f.length() > 0.1).count();
         assert!(touched > 20, "{mishap:?}: {touched}");
         match mishap {
-            Mishap::None | Mishap::NoNumbers | Mishap::Jumps => assert_eq!(report.end, End::Done),
+            Mishap::None | Mishap::NoNumbers | Mishap::Jumps | Mishap::JumpsBack => {
+                assert_eq!(report.end, End::Done);
+            }
             Mishap::Gone => assert_eq!(report.end, End::Device("the device is gone".into())),
             Mishap::Unanswering => {
                 assert_eq!(report.end, End::Device("the device did not answer in time".into()))
@@ -183,10 +192,18 @@ fn whatever_happens_to_the_device_the_force_ends_in_time_and_the_reason_is_said(
         if !matches!(mishap, Mishap::Gone | Mishap::WritePanics) {
             assert_eq!(commands.last().unwrap().1, DVec3::ZERO, "{mishap:?}");
         }
-        let after = |(t, _): &&(f64, DVec3)| *t >= HURT + 2.5e-3;
+        // By the second period.
+        let mut after = commands.iter().filter(|(t, _)| *t >= HURT).skip(1);
         match mishap {
             Mishap::NoNumbers | Mishap::Unanswering => {
-                assert!(commands.iter().filter(after).all(|(_, f)| *f == DVec3::ZERO), "{mishap:?}");
+                assert!(after.all(|(_, f)| *f == DVec3::ZERO), "{mishap:?}");
+            }
+            // Away for less than a motion takes: nothing is felt there, and the force grows in again where it was.
+            Mishap::JumpsBack => {
+                let mut away = after.take_while(|(t, _)| *t < HURT + AWAY);
+                assert!(away.all(|(_, f)| *f == DVec3::ZERO), "{commands:?}");
+                let back = commands.iter().filter(|(t, f)| *t > HURT + 0.1 && f.length() > 0.1).count();
+                assert!(back > 20, "{back}");
             }
             _ => {}
         }

@@ -36,11 +36,11 @@ pub struct LiveArgs {
     #[arg(long, value_name = "X")]
     scale: Option<f64>,
     /// Where the device's origin is in the body's frame, mm; without it, the tool begins 20 mm above the body's top
-    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 3, allow_hyphen_values = true)]
-    offset_mm: Option<Vec<f64>>,
+    #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, allow_hyphen_values = true)]
+    offset_mm: Option<[f64; 3]>,
     /// How the device's frame is turned in the body's: a unit quaternion
-    #[arg(long, value_name = "W,X,Y,Z", value_delimiter = ',', num_args = 4, allow_hyphen_values = true)]
-    rotation: Option<Vec<f64>>,
+    #[arg(long, value_name = "W,X,Y,Z", value_parser = numbers::<4>, allow_hyphen_values = true)]
+    rotation: Option<[f64; 4]>,
     /// Button that lifts the tool off while it is held, as a mouse is lifted; counted from 0
     #[arg(long, value_name = "N")]
     clutch_button: Option<u32>,
@@ -50,6 +50,12 @@ pub struct LiveArgs {
     /// How much of the way to each deadline is waited for awake, µs: less jitter, more of a core
     #[arg(long, value_name = "US", default_value_t = 60.0)]
     spin_us: f64,
+    /// How late a period may come before the loop ends, ms: up to then the last force is held
+    #[arg(long, value_name = "MS", default_value_t = 100.0)]
+    late_ms: f64,
+    /// How long the device may say nothing new before the loop ends, ms: up to then the force is the last pose's
+    #[arg(long, value_name = "MS", default_value_t = 100.0)]
+    stale_ms: f64,
     /// Elements of the patch that the haptic thread works on
     #[arg(long, value_name = "N", default_value_t = palpate_runtime::PATCH_ELEMENTS)]
     patch_elements: usize,
@@ -62,6 +68,15 @@ pub struct LiveArgs {
     /// How the service wants its forces: versions before 3.2 want `values`
     #[arg(long, value_name = "KEY", default_value = "vector", value_parser = ["vector", "values"])]
     haply_force_key: String,
+}
+
+/// As many numbers as an option wants.
+fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let values = text.split(',').map(|word| word.trim().parse()).collect::<Result<Vec<f64>, _>>();
+    values
+        .ok()
+        .and_then(|v| v.try_into().ok())
+        .ok_or_else(|| format!("give {N} numbers with commas between them"))
 }
 
 /// Runs the command.
@@ -117,7 +132,13 @@ fn plan(args: &Args) -> Result<Plan> {
     if !(0.0..=1e5).contains(&live.spin_us) {
         bail!("--spin-us {}: give a time from 0 to 100,000 µs", live.spin_us);
     }
+    for (option, ms) in [("late", live.late_ms), ("stale", live.stale_ms)] {
+        if !(1.0..=1e4).contains(&ms) {
+            bail!("--{option}-ms {ms}: give a time from 1 to 10,000 ms");
+        }
+    }
     let mut settings = Settings::new(args.rate_hz);
+    (settings.patience.late_s, settings.patience.pose_s) = (live.late_ms * 1e-3, live.stale_ms * 1e-3);
     settings.real_time.spin_s = live.spin_us * 1e-6;
     settings.seconds = args.seconds;
     settings.patch_elements = live.patch_elements;
@@ -134,8 +155,8 @@ fn plan(args: &Args) -> Result<Plan> {
     };
     let place = Place {
         scale: live.scale,
-        offset_m: live.offset_mm.as_deref().map(|mm| DVec3::from_slice(mm) * 1e-3),
-        rotation: live.rotation.as_deref().and_then(|q| q.try_into().ok()),
+        offset_m: live.offset_mm.map(|mm| DVec3::from_array(mm) * 1e-3),
+        rotation: live.rotation,
         clutch: live.clutch_button,
     };
     Ok(Plan {

@@ -1,0 +1,422 @@
+//! `palpate run` against the clock from outside: recordings that are traced to the bit, signals, two devices at once, a body
+//! cut short and a disk full meanwhile, and complaints.
+//!
+//! No times are judged: the machine may be busy with something else, and give no rights.
+
+use glam::DVec3;
+use palpate_body::Body;
+use palpate_runtime::{Ending, Record, Recording, RecordingFile};
+use serde_json::Value;
+use std::fs;
+use std::path::PathBuf;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// A block, flat where it is touched.
+const SPEC: &str = r#"
+[body.shape]
+kind = "block"
+size_mm = [80, 80, 40]
+edge_length_mm = 4
+[friction]
+coefficient = 0.3
+[deflection]
+normal_max_mm = 8
+lateral_max_mm = 8
+[response]
+law = "uniform"
+stiffness_n_per_m = 600
+lateral_stiffness_n_per_m = 500
+"#;
+
+/// Down at once and to and fro, for as long as it is let.
+const INTENT: &str = r#"
+[start]
+clearance_mm = 0.5
+[[move]]
+kind = "press"
+depth_mm = 6
+seconds = 0.15
+[[move]]
+kind = "drag"
+along_mm = 20
+seconds = 0.6
+[[move]]
+kind = "hold"
+seconds = 60
+"#;
+
+/// On any machine: no rights are asked for, and load beside is forgiven.
+const CALM: &str = "--priority 0 --late-ms 10000 --stale-ms 10000 --soft-start-s 0.05";
+
+struct Desk(tempfile::TempDir);
+
+impl Desk {
+    fn new() -> Self {
+        let desk = Desk(tempfile::tempdir().unwrap());
+        desk.write("spec.toml", SPEC);
+        desk.write("intent.toml", INTENT);
+        desk.done("fit --spec spec.toml -o block.body");
+        desk
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        fs::write(self.path(name), text).unwrap();
+    }
+
+    fn command(&self, args: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
+        command.args(args.split_whitespace()).current_dir(self.0.path());
+        command
+    }
+
+    fn run(&self, args: &str) -> Output {
+        self.command(args).output().unwrap()
+    }
+
+    fn done(&self, args: &str) -> Output {
+        let output = self.run(args);
+        assert_eq!(output.status.code(), Some(0), "{args}: {}", said(&output));
+        output
+    }
+
+    /// A loop with a simulated device; the last line for each device.
+    fn live(&self, args: &str) -> Vec<Value> {
+        let devices = args.matches("--device").count();
+        told(&self.done(&format!("run block.body --intent intent.toml {CALM} --json {args}")), devices)
+    }
+
+    fn start(&self, args: &str) -> Child {
+        let args = format!("run block.body --device simulated --intent intent.toml {CALM} --json {args}");
+        self.command(&args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+    }
+
+    /// Exit status 1 and one line with these words, or 2 with them.
+    fn refused(&self, args: &str, code: i32, words: &[&str]) {
+        let output = self.run(args);
+        let said = said(&output);
+        assert_eq!(output.status.code(), Some(code), "{args}: {said}");
+        assert!(output.stdout.is_empty(), "{args}");
+        assert!(code != 1 || said.trim_end().lines().count() == 1, "{args}: {said}");
+        for word in words {
+            assert!(said.contains(word), "{args}: {said} has no `{word}`");
+        }
+    }
+
+    fn records(&self, name: &str) -> (Vec<Record>, Ending) {
+        let mut recording = Recording::open(&self.path(name)).unwrap();
+        let records = recording.by_ref().collect();
+        (records, recording.ending().unwrap().clone())
+    }
+
+    /// Waits until a recording holds this many periods.
+    fn wait_for(&self, name: &str, periods: usize) {
+        let begun = Instant::now();
+        let there = || Recording::open(&self.path(name)).map_or(0, Iterator::count);
+        while there() < periods {
+            assert!(begun.elapsed() < Duration::from_secs(60), "{name} does not grow");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Every line of standard output is JSON, and the last ones tell how it ended.
+fn told(output: &Output, devices: usize) -> Vec<Value> {
+    let text = String::from_utf8(output.stdout.clone()).unwrap();
+    let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let (live, last) = lines.split_at(lines.len() - devices);
+    assert!(live.iter().all(|line| line["end"].is_null() && line["periods"].is_u64()), "{text}");
+    assert!(last.iter().all(|line| line["end"].is_string()), "{text}");
+    last.to_vec()
+}
+
+fn touches(record: &&Record) -> bool {
+    record.engine().in_contact
+}
+
+/// Run, trace to the same bits, export, and run again from the recording and from a path.
+#[test]
+fn a_recording_is_traced_exported_and_replayed() {
+    let desk = Desk::new();
+    let last = desk.live("--device simulated --seconds 1.2 --record a.rec");
+    assert_eq!((&last[0]["end"], &last[0]["well"]), (&"the time is over".into(), &true.into()));
+    let (records, ending) = desk.records("a.rec");
+    assert!(matches!(ending, Ending::Clean { ref reason, dropped: 0 } if reason == "the time is over"));
+    assert_eq!(last[0]["recorded"], records.len());
+    assert_eq!(last[0]["statistics"]["periods"], records.len());
+    assert!(records.iter().filter(touches).count() > 50);
+    let end = records.last().unwrap();
+    assert_eq!((end.command_force_n, end.tool()), ([0.0; 3], None));
+
+    let traced = desk.done("trace block.body --path a.rec -o a.csv --json");
+    assert!(said(&traced).contains("the same bits"), "{}", said(&traced));
+    let steps = records.iter().filter(|r| r.tool().is_some()).count();
+    assert_eq!(fs::read_to_string(desk.path("a.csv")).unwrap().lines().count(), 1 + steps);
+    let summary: Value = serde_json::from_slice(&traced.stdout).unwrap();
+    assert_eq!(summary["steps"], steps);
+
+    desk.done("export a.rec --csv tables");
+    let periods = fs::read_to_string(desk.path("tables/periods.csv")).unwrap();
+    assert_eq!(periods.lines().count(), 1 + records.len());
+    let about: Value =
+        serde_json::from_slice(&fs::read(desk.path("tables/recording.json")).unwrap()).unwrap();
+    assert_eq!((&about["device"], about["rate_hz"].as_f64()), (&last[0]["device"], Some(1000.0)));
+
+    let ended: Value = "the device's poses are at their end".into();
+    let again = &desk.live("--device replay:a.rec --record again.rec")[0];
+    assert_eq!(again["end"], ended);
+    assert!(again["statistics"]["periods_in_contact"].as_u64().unwrap() > 50, "{again}");
+    desk.done("trace block.body --path again.rec -o again.csv");
+    let body = Body::open(&desk.path("block.body")).unwrap();
+    let top = body.point(body.first_touch(DVec3::Z, -DVec3::Z, 0.0).unwrap().at).z;
+    desk.write(
+        "path.csv",
+        &format!(
+            "time_s,x_m,y_m,z_m\n0,0,0,{}\n0.1,0,0,{}\n0.4,0.01,0,{}\n",
+            top + 1e-3,
+            top - 4e-3,
+            top - 4e-3
+        ),
+    );
+    let along = &desk.live("--device replay:path.csv --record path.rec")[0];
+    assert_eq!(along["end"], ended);
+    let deepest = desk.records("path.rec").0.iter().map(|r| r.delta_z_m).fold(0.0, f64::max);
+    assert!((deepest - 4e-3).abs() < 1e-4, "{deepest}");
+}
+
+/// Other bits than recorded end with status 3, another body with 1; what is whole of a damaged or cut recording is traced.
+#[test]
+fn what_was_changed_is_found_and_what_was_cut_is_traced_up_to_there() {
+    let desk = Desk::new();
+    desk.live("--device simulated --seconds 0.6 --record a.rec");
+    let (records, _) = desk.records("a.rec");
+    let touched = records.iter().position(|r| r.engine().in_contact).unwrap();
+    let header = Recording::open(&desk.path("a.rec")).unwrap().header().clone();
+    // One force, by one bit, with a checksum that fits.
+    let mut file = RecordingFile::begin(fs::File::create(desk.path("force.rec")).unwrap(), &header).unwrap();
+    for (i, record) in records.iter().enumerate() {
+        let mut record = *record;
+        if i == touched {
+            record.force_n[2] = f64::from_bits(record.force_n[2].to_bits() ^ 1);
+        }
+        file.write(&record).unwrap();
+    }
+    file.end("it was changed", records.len() as u64, 0).unwrap();
+    let output = desk.run("trace block.body --path force.rec -o force.csv");
+    assert_eq!(output.status.code(), Some(3));
+    let time = records[touched].time_s;
+    assert!(said(&output).contains(&format!("force.rec: 1 of ")), "{}", said(&output));
+    assert!(said(&output).contains(&format!("the first at {time} s")), "{}", said(&output));
+
+    let bytes = fs::read(desk.path("a.rec")).unwrap();
+    let start = bytes.len() - (records.len() + 1) * Record::BYTES;
+    let mut damaged = bytes.clone();
+    damaged[start + 200 * Record::BYTES + 100] ^= 1;
+    fs::write(desk.path("damaged.rec"), damaged).unwrap();
+    fs::write(desk.path("cut.rec"), &bytes[..start + 300 * Record::BYTES + 50]).unwrap();
+    for (name, whole, words) in [
+        ("damaged", 200, "damaged from record 200 on"),
+        ("cut", 300, "cut off, with 50 bytes of a record begun"),
+    ] {
+        let traced = desk.done(&format!("trace block.body --path {name}.rec -o {name}.csv"));
+        assert!(
+            said(&traced).contains(words) && said(&traced).contains("the same bits"),
+            "{}",
+            said(&traced)
+        );
+        let steps = records[..whole].iter().filter(|r| r.tool().is_some()).count();
+        assert_eq!(fs::read_to_string(desk.path(&format!("{name}.csv"))).unwrap().lines().count(), 1 + steps);
+        let exported = desk.done(&format!("export {name}.rec --csv {name}"));
+        assert!(said(&exported).contains(words));
+    }
+    fs::write(desk.path("header.rec"), &bytes[..1000]).unwrap();
+    desk.refused("trace block.body --path header.rec -o none.csv", 1, &["header.rec: "]);
+
+    desk.write("spec.toml", &SPEC.replace("600", "601"));
+    desk.done("fit --spec spec.toml -o other.body");
+    desk.refused(
+        "trace other.body --path a.rec -o none.csv",
+        1,
+        &["another body", "other.body", "block.body"],
+    );
+    assert!(!desk.path("none.csv").exists());
+}
+
+#[test]
+fn two_devices_on_one_body_have_two_recordings() {
+    let desk = Desk::new();
+    let last =
+        desk.live("--device simulated --device simulated:omega --seconds 0.8 --record a.rec --record b.rec");
+    assert_ne!(last[0]["device"], last[1]["device"]);
+    for (name, last) in ["a", "b"].iter().zip(&last) {
+        assert_eq!(last["well"], true, "{last}");
+        let (records, _) = desk.records(&format!("{name}.rec"));
+        assert_eq!(last["recorded"], records.len());
+        assert!(records.iter().filter(touches).count() > 50);
+        let header = Recording::open(&desk.path(&format!("{name}.rec"))).unwrap().header().clone();
+        assert_eq!(last["device"], *header.device);
+        desk.done(&format!("trace block.body --path {name}.rec -o {name}.csv"));
+    }
+}
+
+/// Scale, place and turn of the device are as they were given.
+#[test]
+fn the_workspace_is_mapped_as_asked() {
+    let desk = Desk::new();
+    let map = "--scale 2 --offset-mm -1,2.5,300 --rotation 0,0,0,-1";
+    desk.live(&format!("--device simulated --seconds 0.05 --record a.rec {map}"));
+    let map = Recording::open(&desk.path("a.rec")).unwrap().header().map;
+    assert_eq!((map.scale, map.offset_m, map.rotation), (2.0, [-1e-3, 2.5e-3, 0.3], [0.0, 0.0, 0.0, -1.0]));
+    for record in desk.records("a.rec").0.iter().filter(|r| r.tool().is_some()) {
+        let [x, y, z] = record.device_position_m;
+        let expected = DVec3::new(-1e-3 - 2.0 * x, 2.5e-3 - 2.0 * y, 0.3 + 2.0 * z);
+        assert!(DVec3::from_array(record.tool_position_m).distance(expected) < 1e-12);
+    }
+}
+
+/// In mid-press: status 0, zero as the last command, and a recording with its end.
+#[cfg(unix)]
+#[test]
+fn signals_end_it_with_zero_force() {
+    let desk = Desk::new();
+    for signal in ["INT", "TERM"] {
+        let name = format!("{signal}.rec");
+        let child = desk.start(&format!("--seconds 600 --record {name}"));
+        desk.wait_for(&name, 400);
+        let kill = format!("kill -{signal} {}", child.id());
+        assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+        let output = child.wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{signal}: {}", said(&output));
+        assert_eq!(told(&output, 1)[0]["end"], "a signal asked for it");
+        let (records, ending) = desk.records(&name);
+        assert!(matches!(ending, Ending::Clean { ref reason, .. } if reason == "a signal asked for it"));
+        let pressed = records.iter().rposition(|r| r.tool().is_some()).unwrap();
+        let size = |r: &Record| r.command_force_n.map(|x| x * x).iter().sum::<f64>().sqrt();
+        assert!(size(&records[pressed]) > 0.1);
+        let after = &records[pressed + 1..];
+        assert!((1..=2).contains(&after.len()) && size(after.last().unwrap()) == 0.0, "{}", after.len());
+    }
+}
+
+/// A body is read as a whole before the loop begins: what becomes of its file then is nothing to the loop.
+#[test]
+fn a_body_that_is_cut_short_meanwhile_is_not_missed() {
+    let desk = Desk::new();
+    let whole = fs::read(desk.path("block.body")).unwrap();
+    let child = desk.start("--seconds 1.2 --record a.rec");
+    desk.wait_for("a.rec", 1);
+    fs::File::options().write(true).open(desk.path("block.body")).unwrap().set_len(100).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    assert_eq!(told(&output, 1)[0]["end"], "the time is over");
+    desk.refused("trace block.body --path a.rec -o a.csv", 1, &["block.body"]);
+    fs::write(desk.path("block.body"), whole).unwrap();
+    desk.done("trace block.body --path a.rec -o a.csv");
+}
+
+/// A disk of 400 KiB, which the recording fills: that is told once, the loop goes on, and what was written can be read.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_ends_the_recording_and_not_the_loop() {
+    let desk = Desk::new();
+    // In a namespace of its own, so that nothing is left behind; without rights, as its own root.
+    let unshare = |script: &str| {
+        let mut command = Command::new("unshare");
+        command.args(["--user", "--map-root-user", "--mount", "sh", "-c", script]).current_dir(desk.0.path());
+        command.output()
+    };
+    fs::create_dir(desk.path("full")).unwrap();
+    let mount = "mount -t tmpfs -o size=400k none full";
+    if !unshare(mount).is_ok_and(|output| output.status.success()) {
+        eprintln!("skipped: no disk may be mounted here, so none is filled");
+        return;
+    }
+    let palpate = env!("CARGO_BIN_EXE_palpate");
+    let script = format!(
+        "{mount}; {palpate} run block.body --device simulated --intent intent.toml {CALM} --json \
+         --seconds 1.2 --record full/a.rec; code=$?; cp full/a.rec a.rec; exit $code"
+    );
+    let output = unshare(&script).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    let last = &told(&output, 1)[0];
+    assert_eq!((&last["end"], &last["well"]), (&"the time is over".into(), &true.into()));
+    assert!(last["recording_trouble"].as_str().unwrap().contains("the loop goes on"), "{last}");
+    assert_eq!(said(&output).matches("the recording ends here").count(), 1, "{}", said(&output));
+    let (records, ending) = desk.records("a.rec");
+    assert!(matches!(ending, Ending::Cut { .. }), "{ending:?}");
+    assert!(records.len() > 100 && (records.len() as u64) < last["statistics"]["periods"].as_u64().unwrap());
+    desk.done("trace block.body --path a.rec -o a.csv");
+}
+
+#[test]
+fn what_is_not_installed_is_said_with_what_to_do() {
+    let desk = Desk::new();
+    let missing = "--device-library nowhere/lib.so";
+    let run = "run block.body --priority 0";
+    desk.refused(
+        &format!("{run} --device dhd {missing}"),
+        1,
+        &["nowhere/lib.so", "Force Dimension", "install"],
+    );
+    desk.refused(
+        &format!("{run} --device openhaptics {missing}"),
+        1,
+        &["nowhere/lib.so", "OpenHaptics", "install"],
+    );
+    let nobody = "--device-url ws://127.0.0.1:1";
+    desk.refused(
+        &format!("{run} --device haply {nobody}"),
+        1,
+        &["127.0.0.1:1", "Inverse Service", "start it"],
+    );
+}
+
+#[test]
+fn wrong_options_are_refused_before_anything_moves() {
+    let desk = Desk::new();
+    desk.write("there.rec", "somebody's");
+    let run = "run block.body --priority 0 --device simulated";
+    for (more, code, words) in [
+        ("--force-max-n=-1", 1, &["force_max_n", "-1"][..]),
+        ("--force-max-n nan", 1, &["force_max_n"]),
+        ("--slew-n-per-s 10", 1, &["slew_n_per_s", "at least 1650 N/s"]),
+        ("--soft-start-s=-1", 1, &["soft_start_s"]),
+        ("--damping-n-s-per-m 1000", 1, &["damping_n_s_per_m"]),
+        ("--scale 0", 1, &["scale"]),
+        ("--rotation 0,0,0,0", 1, &["rotation"]),
+        ("--offset-mm 1,2", 2, &["--offset-mm", "3 numbers"]),
+        ("--clutch-button 40", 1, &["clutch"]),
+        ("--record there.rec", 1, &["there.rec", "there already"]),
+        ("--record block.body", 1, &["block.body", "input"]),
+        ("--record a.csv", 1, &["a.csv", "palpate export"]),
+        ("--record a.rec --record b.rec", 1, &["as many files as devices"]),
+        ("--record none/a.rec", 1, &["none/a.rec"]),
+        ("--device simulated --virtual-time", 1, &["--virtual-time", "one simulated device"]),
+        ("--device replay:none.rec", 1, &["none.rec"]),
+        ("--device replay:there.rec", 1, &["there.rec"]),
+        ("--device pencil", 2, &["pencil", "replay:FILE"]),
+        ("--device dhd:first", 2, &["first"]),
+        ("--rate-hz 1e6", 1, &["--rate-hz"]),
+        ("--patch-elements 0", 1, &["--patch-elements 0"]),
+        ("--late-ms 0", 1, &["--late-ms 0"]),
+        ("--stale-ms nan", 1, &["--stale-ms"]),
+        ("--spin-us=-1", 1, &["--spin-us"]),
+    ] {
+        // Where it is not refused it would go on for long.
+        desk.refused(&format!("{run} --seconds 5 {more}"), code, words);
+    }
+    desk.refused("run block.body --device simulated --priority 99", 1, &["--priority 99"]);
+    desk.refused("run none.body --device simulated --priority 0", 1, &["none.body"]);
+    assert_eq!(fs::read_to_string(desk.path("there.rec")).unwrap(), "somebody's");
+    for name in ["a.rec", "b.rec", "a.csv"] {
+        assert!(!desk.path(name).exists(), "{name}");
+    }
+}
