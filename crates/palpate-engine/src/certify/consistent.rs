@@ -22,13 +22,16 @@ struct Drive {
     miss: [[Interval; 2]; 2],
 }
 
+/// Rows of matrices along x, y and z, and what the two ways of reading them differ by.
+type Change = ([[Box3; 3]; 3], [[Box3; 3]; 2]);
+
 /// What nodes' gradients of frames and tensors are over a cell.
 struct Turning {
     /// ∇(u·b) as a matrix that takes b, by rows; nodes' means less the element's own.
     turn: [Box3; 3],
     miss: [Box3; 2],
     /// ∇A along x, y and z; the same.
-    change: Option<([[Box3; 3]; 3], [[Box3; 3]; 2])>,
+    change: Option<Change>,
     each: [DMat3; 3],
     changes: Option<[[DMat3; 3]; 3]>,
 }
@@ -513,12 +516,11 @@ impl<'a> Site<'a> {
             return Rate { drive: flat(less(force, taken)), force, limit };
         }
         taken = less(taken, turned(self.n, view, u, &d_nodes));
-        for l in 0..3 {
+        for (l, (node, share)) in view.frames.iter().zip(g).enumerate() {
             // The nodes' parts of the mix, and û, change too.
-            let node = view.frames[l];
             let between = std::array::from_fn(|i| u[i] - point(node[i]));
-            let part = dot(between, self.nodes[l]) * (0.5 * g[l]) + self.n[l] * dot(du, self.nodes[l]) * 0.5;
-            taken = less(taken, scaled(points(node), part));
+            let part = dot(between, self.nodes[l]) * (0.5 * share) + self.n[l] * dot(du, self.nodes[l]) * 0.5;
+            taken = less(taken, scaled(points(*node), part));
         }
         // P_û turns with û.
         let (inside, through) = (dot(u, self.whole), dot(u, taken) + dot(du, self.whole));

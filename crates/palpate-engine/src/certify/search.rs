@@ -74,7 +74,7 @@ pub fn least(criterion: Criterion, patch: &Patch, cells: &[Cell], effort: Effort
         found.evaluations += 1;
         if bound < f64::INFINITY {
             // Where the limit is found by a search of its own, an eighth of the cells has to do.
-            if bound < found.found && (patch.slopes.is_none() || open.len() % 8 == 0) {
+            if bound < found.found && (patch.slopes.is_none() || open.len().is_multiple_of(8)) {
                 sample(criterion, patch, cell.middle(), cell.reach_m, found);
             }
             open.push(Open { bound, cell });
@@ -200,7 +200,7 @@ impl Cuts {
         // A hundred-thousandth of all there is: what differs within that is rounding.
         let widths = Cut::ALL.map(|cut| Some(cell.width(cut, patch)).filter(|w| *w >= 1e-5));
         self.made += 1;
-        let tried = self.made < 16 || self.made % Self::TRIED == 0;
+        let tried = self.made < 16 || self.made.is_multiple_of(Self::TRIED);
         if tried || bound == f64::NEG_INFINITY {
             let mut best: Option<(f64, f64, Cut)> = None;
             for ((cut, width), worth) in Cut::ALL.into_iter().zip(widths).zip(&mut self.worth) {

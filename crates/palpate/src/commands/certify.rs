@@ -383,7 +383,7 @@ fn text(c: &Certificate) -> String {
             );
         }
         Some(d) => {
-            let what = if d.device.delay_samples > 0 && c.lipschitz_n_per_m.is_none() {
+            let what = if d.device.delay_samples > 0.0 && c.lipschitz_n_per_m.is_none() {
                 "its force comes late, which needs the Lipschitz constant"
             } else {
                 "its position has an error, which needs S on the whole body"
