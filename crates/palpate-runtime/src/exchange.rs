@@ -1,6 +1,7 @@
 //! What two threads hand each other without ever waiting: the newest box in a [`Mailbox`], the newest words on a [`Board`].
 //!
-//! The tests run this very file under loom, which tries the orders in which two threads' accesses can be seen.
+//! The tests run this very file under loom, which tries the orders in which two threads' accesses can be seen. Each ordering is
+//! the weakest that will do: with any of them weaker a test fails.
 
 use crate::atomic::{AtomicPtr, AtomicU64, Ordering, fence};
 use std::ptr;
@@ -29,6 +30,7 @@ impl<T> Mailbox<T> {
     /// # Real-time
     /// One atomic exchange.
     pub fn post(&self, value: Box<T>) -> Option<Box<T>> {
+        // Gives what is in the new box to who takes it, and gets what is in the old one from who posted that.
         owned(self.slot.swap(Box::into_raw(value), Ordering::AcqRel))
     }
 
@@ -37,15 +39,15 @@ impl<T> Mailbox<T> {
     /// # Real-time
     /// One atomic exchange.
     pub fn take(&self) -> Option<Box<T>> {
-        owned(self.slot.swap(ptr::null_mut(), Ordering::AcqRel))
+        owned(self.slot.swap(ptr::null_mut(), Ordering::Acquire))
     }
 
-    /// Whether nothing is there.
+    /// Whether nothing is there. It stays so for the only thread that posts.
     ///
     /// # Real-time
     /// One atomic load.
     pub fn is_empty(&self) -> bool {
-        self.slot.load(Ordering::Acquire).is_null()
+        self.slot.load(Ordering::Relaxed).is_null()
     }
 }
 

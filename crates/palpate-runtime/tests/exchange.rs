@@ -71,6 +71,22 @@ fn a_box_arrives_with_its_contents() {
     });
 }
 
+/// So it is by who gets it back because nobody took it.
+#[test]
+fn a_box_comes_back_with_its_contents() {
+    explore(|| {
+        let mailbox = Arc::new(Mailbox::default());
+        let there = mailbox.clone();
+        let poster = thread::spawn(move || {
+            there.post(Box::new(loom::cell::Cell::new(7)));
+        });
+        if let Some(cell) = mailbox.post(Box::new(loom::cell::Cell::new(8))) {
+            assert_eq!(cell.get(), 7);
+        }
+        poster.join().unwrap();
+    });
+}
+
 /// A reader sees all words of one writing, and writings in their order.
 #[test]
 fn a_board_is_never_torn() {

@@ -1,5 +1,5 @@
 //! No force above the limit, no step above the slew limit, ever; after a stop zero within two periods: 1,000 random
-//! loops in virtual time, on random bodies, with stages on and off, while the device goes wrong at random.
+//! loops in virtual time, on random bodies or patches of them, with stages on and off, while the device goes wrong at random.
 
 mod common;
 
@@ -13,7 +13,8 @@ use palpate_device::{
     Capabilities, Command, Device, Fault, Figure, OpenError, Pose, Sample, Simulated, presets,
 };
 use palpate_engine::Contact;
-use palpate_runtime::{Coupling, HapticLoop, Period, Safety, StageCounts, StageFlags, WorkspaceMap};
+use palpate_runtime::{Coupling, HapticLoop, Period, Safety, StageCounts, StageFlags, WorkspaceMap, footing};
+use std::sync::Arc;
 
 const RUNS: u64 = 1000;
 const PERIODS: u32 = 250;
@@ -27,15 +28,17 @@ struct Tally {
     step: f64,
 }
 
-fn bodies(rng: &mut Chance) -> Vec<Body> {
+fn bodies(rng: &mut Chance) -> Vec<Arc<Body>> {
     let mut stiffness = || rng.range(150.0, 8000.0);
     let [k, l, m] = [stiffness(), stiffness(), stiffness()];
     let sphere = shape(Shape::Sphere { radius_mm: 30.0 }, 5.0);
-    vec![
+    [
         plane(k, l, 0.3),
         uniform(&sphere, l, m, rng.range(0.0, 1.0)),
         with_field(&patch(0.1, 8), m, k, 0.5, &|p| 1.0 + 8.0 * (p.x + p.y)),
     ]
+    .map(Arc::new)
+    .to_vec()
 }
 
 fn moves(rng: &mut Chance) -> Vec<Move> {
@@ -83,7 +86,7 @@ fn check(taken: &[Command], most: f64, step: f64, tally: &mut Tally) {
     }
 }
 
-fn run(body: &Body, seed: u64, rng: &mut Chance, tally: &mut Tally) {
+fn run(body: &Arc<Body>, seed: u64, rng: &mut Chance, tally: &mut Tally) {
     let mut capabilities = presets::device("touch").unwrap();
     let mass = capabilities.mechanics.mass_kg.value;
     // The loop's limit must hold by itself: these motors would render more.
@@ -120,6 +123,8 @@ fn run(body: &Body, seed: u64, rng: &mut Chance, tally: &mut Tally) {
     let mut closed = HapticLoop::new(Contact::new(body), map, stages);
     let stop_at = rng.below(PERIODS as usize - 30) as u32;
     let (late, mut now) = (rng.unit() < 0.3, 0.0);
+    // So few elements, and so seldom renewed, that the tool leaves them.
+    let mut patches = (rng.unit() < 0.4).then(|| footing(body.clone(), body.point(touch.at).to_array(), 16));
     // Periods since the stop in which the device was told something new.
     let mut told = 0;
     for k in 0..PERIODS {
@@ -130,7 +135,19 @@ fn run(body: &Body, seed: u64, rng: &mut Chance, tally: &mut Tally) {
             closed.resume();
         }
         now += if late && rng.unit() < 0.02 { rng.range(0.0, 0.3) } else { 1.0 / rate_hz };
-        let period = closed.period(body, &mut device, now);
+        let period = match &mut patches {
+            None => closed.period(&**body, &mut device, now),
+            Some((footing, finder)) => {
+                if rng.unit() < 0.1 {
+                    finder.look();
+                }
+                footing.renew(closed.contact_mut());
+                let period = closed.period(footing.patch(), &mut device, now);
+                let waits = period.flags.has(StageFlags::WAITED) || period.output.flags.fenced;
+                footing.report(now, period.pose.position_m, closed.contact(), waits);
+                period
+            }
+        };
         tally.flags.add(period.flags);
         tally.touching += u64::from(period.output.flags.in_contact);
         assert!(!period.output.flags.invalid_pose, "the engine was given {:?}", period.pose);
