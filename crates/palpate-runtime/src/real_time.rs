@@ -112,6 +112,7 @@ mod system {
     use rustix::time::{Timespec, clock_gettime};
     use std::fs::File;
     use std::io::{self, Write};
+    use std::sync::atomic::{AtomicUsize, Ordering};
 
     pub fn now() -> u64 {
         let t = clock_gettime(ClockId::Monotonic);
@@ -170,13 +171,16 @@ mod system {
         Some(latency)
     }
 
-    /// The last core that the thread may run on, if there is another for everything else.
+    /// The last core that the thread may run on, and for each further thread the one before, as long as one is left for
+    /// everything else.
     pub fn last_core() -> io::Result<()> {
+        static TAKEN: AtomicUsize = AtomicUsize::new(0);
         let allowed = sched_getaffinity(None)?;
         if allowed.count() < 2 {
             return Ok(());
         }
-        let last = (0..CpuSet::MAX_CPU).rev().find(|&cpu| allowed.is_set(cpu));
+        let nth = TAKEN.fetch_add(1, Ordering::Relaxed) % (allowed.count() as usize - 1);
+        let last = (0..CpuSet::MAX_CPU).rev().filter(|&cpu| allowed.is_set(cpu)).nth(nth);
         let mut own = CpuSet::new();
         last.into_iter().for_each(|cpu| own.set(cpu));
         Ok(sched_setaffinity(None, &own)?)

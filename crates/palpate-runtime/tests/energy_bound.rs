@@ -33,12 +33,12 @@ struct Tally {
 }
 
 /// The deepest that the runs go, and the longest step of the tool in them, m.
-const DEPTH: f64 = 12e-3;
+const DEPTH: f64 = 18e-3;
 const STEP: f64 = 1.5e-3;
 
 /// Bodies at random, on which slip is proved never to raise W.
 fn passive_bodies(rng: &mut Chance, tally: &mut Tally) -> Vec<(&'static str, Body)> {
-    let (kz, kr) = (rng.range(150.0, 1500.0), rng.range(150.0, 1500.0));
+    let (kz, kr) = (rng.range(300.0, 1500.0), rng.range(150.0, 1500.0));
     let sphere = shape(Shape::Sphere { radius_mm: 30.0 }, 10.0);
     let slope = DVec3::new(rng.range(-8.0, 8.0), rng.range(-8.0, 8.0), 0.0);
     let mut bodies = vec![
@@ -110,7 +110,7 @@ fn moves(rng: &mut Chance) -> Vec<Move> {
             2 => Move::Circle { radius_m: rng.range(1e-3, 5e-3), turns: rng.range(-2.0, 2.0), seconds },
             3 => Move::Tap { depth_m: rng.range(-8e-3, 8e-3), times: 1 + rng.below(5) as u32, seconds },
             4 => Move::Hold { tremor_m: rng.range(0.0, 1e-3), tremor_hz: rng.range(3.0, 30.0), seconds },
-            _ => Move::Push { force_n: rng.range(0.0, 4.0), seconds },
+            _ => Move::Push { force_n: rng.range(0.0, 3.0), seconds },
         });
     }
     moves

@@ -200,5 +200,5 @@ fn complaints_say_where() {
     desk.refused("--intent wrong.toml", 1, &["64 periods", "--rate-hz"]);
     assert_eq!(desk.run("run block.body --device nonsense").status.code(), Some(2));
     let help = desk.run("run --help");
-    assert!(String::from_utf8_lossy(&help.stdout).contains("Example:"));
+    assert!(String::from_utf8_lossy(&help.stdout).contains("Examples:"));
 }

@@ -94,13 +94,19 @@ impl Curves {
         })
     }
 
-    /// Value by deflection, of a curve that begins at 0: a mean of that at the span's beginning and of slopes after it.
-    pub fn secant(&self, corners: &Corners, span: [f64; 2]) -> Interval {
-        let slopes = self.slope(corners, span);
-        if span[0] <= 0.0 {
+    /// Value by deflection, of a curve that begins at 0. At x in a span from s to e it is the mean of that at s, with the
+    /// weight s/x, and of slopes between; so at most 1 − s/e of it is slopes.
+    pub fn secant(&self, corners: &Corners, [from, to]: [f64; 2]) -> Interval {
+        let slopes = self.slope(corners, [from, to]);
+        if from <= 0.0 {
             return slopes;
         }
-        slopes.join(Interval::hull(corners.map(|n| self.value(n, span[0]) / span[0])))
+        let first = Interval::hull(corners.map(|n| self.value(n, from) / from));
+        let share = Interval::new(0.0, 1.0 - from / to);
+        let end = |first: f64, slope: f64| {
+            Interval::new(first, first) + (Interval::new(slope, slope) - Interval::new(first, first)) * share
+        };
+        Interval::new(end(first.lo, slopes.lo).lo, end(first.hi, slopes.hi).hi)
     }
 
     /// Slope less secant, of a curve that begins at 0: of the difference's own polynomial.
