@@ -554,17 +554,27 @@ impl Body {
     /// # Errors
     /// The operating system's limit on locked memory is too low.
     pub fn lock_memory(&self) -> std::io::Result<()> {
+        self.memory().try_for_each(crate::file::lock)
+    }
+
+    /// Lets the system page out what a step reads, whatever was locked before: a body may be larger than memory, and a step
+    /// goes on a [`Patch`](crate::Patch) then.
+    ///
+    /// # Errors
+    /// The operating system refuses.
+    pub fn unlock_memory(&self) -> std::io::Result<()> {
+        self.memory().try_for_each(crate::file::unlock)
+    }
+
+    /// What a step reads, and a patch is taken from.
+    fn memory(&self) -> impl Iterator<Item = &[u8]> {
         let parts = [
             bytemuck::cast_slice(&self.nodes),
             bytemuck::cast_slice(&self.elements),
             bytemuck::cast_slice(&self.lateral_tensors),
         ];
         let gradients = self.derived_gradients().into_iter().flat_map(Gradients::memory);
-        let all = parts.into_iter().chain(self.responses.memory()).chain(self.search.memory());
-        for bytes in all.chain(gradients) {
-            crate::file::lock(bytes)?;
-        }
-        Ok(())
+        parts.into_iter().chain(self.responses.memory()).chain(self.search.memory()).chain(gradients)
     }
 }
 

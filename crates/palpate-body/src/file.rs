@@ -466,3 +466,20 @@ pub(crate) fn lock(bytes: &[u8]) -> io::Result<()> {
     }
     Ok(())
 }
+
+/// Gives the pages of `bytes` back to the system's paging.
+///
+/// # Errors
+/// The system refuses.
+pub(crate) fn unlock(bytes: &[u8]) -> io::Result<()> {
+    if bytes.is_empty() {
+        return Ok(());
+    }
+    // SAFETY: the range is that of a live slice, and unlocking changes neither its contents nor its validity.
+    #[cfg(unix)]
+    #[allow(unsafe_code, reason = "unlocking memory is a call to the operating system")]
+    unsafe {
+        rustix::mm::munlock(bytes.as_ptr().cast_mut().cast(), bytes.len())?;
+    }
+    Ok(())
+}

@@ -35,6 +35,9 @@ struct Term {
 /// Terms that a node has at most; with more it has curves.
 const MAX_TERMS: usize = 3;
 
+/// A gradient in powers of a distance: of t⁰ to t⁴.
+pub type Powers = [DVec3; POWERS];
+
 /// A node's energy gradient in one interval: the coefficients of [`Strain`]'s powers.
 type Row = [Vec4; POWERS];
 
@@ -284,6 +287,46 @@ impl Gradients {
                 + 2.0 * (f64::from(xy) * d.x * d.y + f64::from(xz) * d.x * d.z + f64::from(yz) * d.y * d.z)
         };
         DVec3::from_array(changes.map(square)).as_vec3a()
+    }
+
+    /// ∇̄W of a node in one interval of the depths, and in one of the lateral deflections, as [`Gradients::energy`] reads it:
+    /// powers of the distance from the interval's knot, N. For bounds; not for the step.
+    pub fn powers(&self, node: u32, reference: u32, responses: &Responses, interval: usize) -> [Powers; 2] {
+        let Some(&Place { start, count }) = self.places.get(node as usize) else {
+            return [Powers::default(); 2];
+        };
+        let start = start as usize;
+        let (depths, laterals) =
+            (responses.depth_knots().values().len(), responses.lateral_knots().values().len());
+        let sums: [[DVec3; POWERS]; 2] = if count == CURVES {
+            let of = |rows: &[Row], knots: usize| {
+                let row = rows.get(start * knots + interval).filter(|_| interval < knots);
+                row.map_or([DVec3::ZERO; POWERS], |row| row.map(|v| v.truncate().as_dvec3()))
+            };
+            [of(&self.depth_rows, depths), of(&self.lateral_rows, laterals)]
+        } else {
+            let mut sums = [[DVec3::ZERO; POWERS]; 2];
+            for term in self.terms.get(start..start + count as usize).unwrap_or(&[]) {
+                let g = DVec3::from_array(term.gradient.map(f64::from));
+                let mut add = |which: usize, row: &dyn Fn(u32) -> [f64; POWERS]| {
+                    let pairs = row(term.test_point).into_iter().zip(row(reference));
+                    sums[which].iter_mut().zip(pairs).for_each(|(sum, (a, b))| *sum += g * (a - b));
+                };
+                if interval < depths {
+                    add(0, &|t| responses.depth_row(t, interval));
+                }
+                if interval < laterals {
+                    add(1, &|t| responses.lateral_row(t, interval));
+                }
+            }
+            sums
+        };
+        sums.map(|[a, b, c, d, e]| [a, b, c * 0.5, d * (1.0 / 3.0), e * 0.25])
+    }
+
+    /// ∇̄A of a node, its derivatives along x, y and z, 1/m; none where the lateral response is alike in all directions.
+    pub fn tensor_changes(&self, node: u32) -> Option<[Tensor; 3]> {
+        self.tensors.get(node as usize).map(|axes| axes.map(|a| a.map(f64::from)))
     }
 
     /// Bytes that a step may read.

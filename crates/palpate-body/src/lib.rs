@@ -48,7 +48,7 @@ pub mod tensor;
 pub use body::{Body, BodyParts, Node, NodeMix, PointErrors, Provenance, SlipRule, Tool};
 pub use curve::{Curve, Extension, Interpolation};
 pub use error::{BodyError, Result};
-pub use gradient::{Gradients, Most};
+pub use gradient::{Gradients, Most, Powers};
 pub use patch::Patch;
 pub use response::{Known, Response, Responses, Rows, Sample, Strain};
 pub use search::{MeshSearch, Nearest, SurfacePoint, Touch};

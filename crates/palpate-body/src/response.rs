@@ -296,7 +296,7 @@ impl Known {
 }
 
 /// Coefficients of a test point's energy in one interval.
-pub(crate) const POWERS: usize = 5;
+pub const POWERS: usize = 5;
 
 impl Strain<'_> {
     /// W_t = F^z(δz) + F^r(ρ) of a test point, J.

@@ -72,6 +72,10 @@ impl<D: Device + ?Sized> Device for Box<D> {
     fn explain(&self, fault: Fault) -> String {
         (**self).explain(fault)
     }
+
+    fn notes(&self) -> &[String] {
+        (**self).notes()
+    }
 }
 
 /// Position and orientation of the handle in the device's frame.

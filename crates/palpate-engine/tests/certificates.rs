@@ -5,19 +5,19 @@ mod common;
 
 use common::*;
 use glam::DVec3;
-use palpate_body::{Body, TriangleMesh};
+use palpate_body::{Body, SlipRule, TriangleMesh};
 use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, Patch, ROUNDING, least};
 use palpate_engine::{Contact, Output};
 
 /// The tool's longest step here.
 const STEP: f64 = 3e-4;
 
-fn assumptions() -> Assumptions {
-    Assumptions { step_m: STEP, depth_m: Some(5e-3), ..Assumptions::default() }
+fn assumptions(slip: SlipRule) -> Assumptions {
+    Assumptions { step_m: STEP, depth_m: Some(5e-3), slip, ..Assumptions::default() }
 }
 
 fn bounds(criterion: Criterion, body: &Body, element: u32, evaluations: u32) -> Bounds {
-    let patch = Patch::new(body, element, &assumptions());
+    let patch = Patch::new(body, element, &assumptions(body.slip()));
     let absolute = if criterion == Criterion::Passive { 0.02 } else { 20.0 };
     least(criterion, &patch, &patch.cells(), Effort { evaluations, absolute, relative: 0.2 })
 }
@@ -135,7 +135,7 @@ fn mesh(kind: usize, chance: &mut Chance) -> TriangleMesh {
     }
 }
 
-fn promises(bodies: usize, steps: usize) -> Seen {
+fn promises(rule: SlipRule, bodies: usize, steps: usize, evaluations: u32) -> Seen {
     let mut seen = Seen::default();
     for case in 0..bodies {
         let mut chance = Chance::new(400 + case as u64);
@@ -143,8 +143,8 @@ fn promises(bodies: usize, steps: usize) -> Seen {
         let friction = [0.5, 0.25, 0.1, 0.0][case / 6 % 4];
         let ratio = if case % 3 == 1 { 1.8 } else { 1.0 };
         let spread = chance.range(0.0, 0.3);
-        let body = anisotropic(&mesh, &mut chance, spread, friction, ratio);
-        let proved = Proved::of(&body, 1200);
+        let body = ruled(&anisotropic(&mesh, &mut chance, spread, friction, ratio), rule);
+        let proved = Proved::of(&body, evaluations);
         for _ in 0..10 {
             judge(&body, &proved, &mut chance, steps / 10 / bodies, &mut seen);
         }
@@ -154,19 +154,28 @@ fn promises(bodies: usize, steps: usize) -> Seen {
 
 #[test]
 fn no_step_breaks_what_is_proved() {
-    let seen = promises(12, 60_000);
+    let seen = promises(SlipRule::Paper, 12, 60_000, 1200);
     // It was put to the test, and what is not proved does happen.
     assert!(seen.slips_proved_passive > 2_000 && seen.steps_proved_smooth > 4_000, "{seen:?}");
     assert!(seen.generated_elsewhere > 20, "{seen:?}");
 }
 
-/// `cargo test --release -p palpate-engine --test certificates -- --ignored --nocapture`: about a minute.
 #[test]
-#[ignore = "a million steps"]
+fn no_step_of_the_consistent_rule_breaks_what_is_proved() {
+    let seen = promises(SlipRule::Consistent, 6, 30_000, 300);
+    assert!(seen.slips_proved_passive > 1_000 && seen.steps_proved_smooth > 2_000, "{seen:?}");
+    assert!(seen.generated_elsewhere > 20, "{seen:?}");
+}
+
+/// `cargo test --release -p palpate-engine --test certificates -- --ignored --nocapture`: some minutes.
+#[test]
+#[ignore = "a million steps of each rule"]
 fn no_step_of_a_million_breaks_what_is_proved() {
-    let seen = promises(48, 1_200_000);
-    println!("{seen:?}");
-    assert!(seen.steps >= 1_000_000 && seen.slips_proved_passive > 50_000, "{seen:?}");
+    for (rule, bodies, evaluations) in [(SlipRule::Consistent, 12, 300), (SlipRule::Paper, 48, 1200)] {
+        let seen = promises(rule, bodies, 1_200_000, evaluations);
+        println!("{}: {seen:?}", rule.name());
+        assert!(seen.steps >= 1_000_000 && seen.slips_proved_passive > 50_000, "{seen:?}");
+    }
 }
 
 #[test]
@@ -198,7 +207,7 @@ fn a_smooth_ball_is_proved_and_the_gap_is_small() {
 #[test]
 fn a_cube_snaps_and_a_frictionless_ball_is_not_passive() {
     let cube = uniform(&block(DVec3::splat(0.02), 4), 600.0, 500.0, 0.3);
-    let deep = Assumptions { depth_m: None, ..assumptions() };
+    let deep = Assumptions { depth_m: None, ..assumptions(SlipRule::Paper) };
     let effort = Effort { evaluations: 500, absolute: 1.0, relative: 0.1 };
     let snap = |e| {
         let patch = Patch::new(&cube, e, &deep);

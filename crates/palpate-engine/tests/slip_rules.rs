@@ -7,6 +7,7 @@ mod common;
 use common::*;
 use glam::DVec3;
 use palpate_body::{Body, SlipRule, Surface, TriangleMesh};
+use palpate_engine::certify::{Assumptions, Cell, Criterion, Effort, Patch, least};
 use palpate_engine::{Ablation, Contact};
 use std::f64::consts::PI;
 
@@ -104,6 +105,65 @@ fn the_rules_energies_on_a_prism() {
             assert!(felt.excess < 1e-6, "{around}: {} N beyond the bound", felt.excess);
         }
         assert_eq!([p.capped, c.capped, e.capped], [0; 3]);
+    }
+}
+
+/// What a certificate says of single states adds up to the table: without friction `paper` slips with no lateral
+/// deflection, straight on, and −g·t over the drag is what W, and with it the hand, gains.
+#[test]
+fn the_certificates_gain_adds_up_to_the_papers_energy() {
+    for around in [24, 96] {
+        let body = prism(around, 0.0);
+        let assumptions = Assumptions { slip: SlipRule::Paper, aside_rad: 0.0, ..Assumptions::default() };
+        let mut contact = Contact::with_slip(&body, SlipRule::Paper, Ablation::None);
+        let (mut gained, mut last, mut k) = (0.0, None::<palpate_engine::ContactPoint>, 0);
+        let mut patch = (u32::MAX, None);
+        for x in cycle() {
+            let o = step(&mut contact, &body, x);
+            let at = o.contact;
+            k += 1;
+            if let (Some(c), Some(before), true) = (at, last, (802..=6800).contains(&k)) {
+                let place = |c: &palpate_engine::ContactPoint| DVec3::from_array(c.position_m);
+                let way = place(&c) - place(&before);
+                if patch.0 != c.element {
+                    patch = (c.element, Some(Patch::new(&body, c.element, &assumptions)));
+                }
+                let (Some(patch), [p, q, _]) = (&patch.1, body.corners(c.element)) else { unreachable!() };
+                let (x, z) = ((q - p).normalize(), -body.outward(c.element));
+                let turn = libm::atan2(way.dot(z.cross(x)), way.dot(x));
+                let n = c.n;
+                let state =
+                    Cell { corners: [n; 3], depth_m: [c.delta_z_m; 2], turn: [turn; 2], reach_m: [1e-9; 2] };
+                gained -= Criterion::Passive.bound(patch, &state) * force(&o).length() * way.length() * 1e3;
+            }
+            last = at;
+        }
+        println!("{around}: {gained} mJ");
+        assert!((gained - 10.24).abs() < 0.02 * 10.24, "{around}: {gained} mJ");
+    }
+}
+
+/// `consistent` leaves of it what a facet differs from the surface by: for each newton and metre O(h).
+#[test]
+fn the_consistent_rules_worst_gain_falls_as_h() {
+    let worst = [24, 48, 96].map(|around| {
+        let body = prism(around, 0.0);
+        let assumptions = Assumptions { slip: SlipRule::Consistent, ..Assumptions::default() };
+        let effort = Effort { evaluations: 60, absolute: 0.0, relative: 0.0 };
+        // Those that are away from the rims.
+        let middle =
+            (0..body.elements().len() as u32).filter(|&e| body.corners(e).iter().all(|c| c.z.abs() < 0.015));
+        middle
+            .map(|e| {
+                let patch = Patch::new(&body, e, &assumptions);
+                least(Criterion::Passive, &patch, &patch.cells(), effort).found
+            })
+            .fold(f64::INFINITY, f64::min)
+    });
+    println!("{worst:?}");
+    assert!(worst[0] < -0.05, "{worst:?}");
+    for pair in worst.windows(2) {
+        assert!((1.6..2.6).contains(&(pair[0] / pair[1])), "{worst:?}");
     }
 }
 

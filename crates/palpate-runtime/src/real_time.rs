@@ -1,5 +1,6 @@
 //! What the operating system gives a haptic thread: a clock to sleep by, a priority, a core, and memory that stays.
 
+use palpate_body::Body;
 use std::fs::File;
 use std::io;
 
@@ -27,18 +28,14 @@ impl RealTime {
     /// Makes the calling thread a real-time one. What the system refuses is told, with what to do about it, and is done
     /// without.
     pub(crate) fn enter(&self) -> (Vec<String>, Awake) {
-        touch_stack();
+        // Refused or not was told when everything else was locked.
+        let _ = lock_stack();
         let mut notes = Vec::new();
         let mut ask = |what: &str, granted: io::Result<()>, mend: &str| {
             if let Err(error) = granted {
                 notes.push(format!("{what} was refused ({error}): {mend}"));
             }
         };
-        ask(
-            "memory that stays in RAM",
-            system::lock_memory(),
-            "raise the limit on locked memory (`ulimit -l unlimited`, or memlock in /etc/security/limits.d)",
-        );
         if let Some(priority) = self.priority {
             ask(
                 "real-time scheduling",
@@ -58,14 +55,24 @@ impl RealTime {
 #[derive(Debug)]
 pub(crate) struct Awake(#[expect(dead_code, reason = "to be held, not read")] Option<File>);
 
-/// Writes to the stack that a period may use, so that its pages are there.
+/// Locks what the program has in memory, but for the body, which may be larger than it; and tells if it was refused.
+pub(crate) fn lock_memory(body: &Body) -> Option<String> {
+    let locked = system::lock_memory().and_then(|()| body.unlock_memory());
+    let refused = locked.err()?;
+    Some(format!(
+        "memory that stays in RAM was refused ({refused}): raise the limit on locked memory (`ulimit -l unlimited`, or \
+         memlock in /etc/security/limits.d)"
+    ))
+}
+
+/// Fetches and locks the stack that a period may use.
 #[inline(never)]
-fn touch_stack() {
+fn lock_stack() -> io::Result<()> {
     let mut pages = [0u8; STACK];
     for i in (0..STACK).step_by(1024) {
         pages[i] = 1;
     }
-    std::hint::black_box(&mut pages);
+    system::lock(std::hint::black_box(&pages))
 }
 
 /// Nanoseconds of a clock that nobody sets.
@@ -105,6 +112,7 @@ mod system {
     use rustix::time::{Timespec, clock_gettime};
     use std::fs::File;
     use std::io::{self, Write};
+    use std::sync::atomic::{AtomicUsize, Ordering};
 
     pub fn now() -> u64 {
         let t = clock_gettime(ClockId::Monotonic);
@@ -123,13 +131,19 @@ mod system {
         use rustix::mm::{MlockAllFlags, mlockall};
         mlockall(MlockAllFlags::CURRENT | MlockAllFlags::ONFAULT)?;
         let maps = std::fs::read_to_string("/proc/self/maps")?;
-        maps.lines().filter_map(code).try_for_each(|(from, to)| {
-            #[allow(unsafe_code, reason = "locking memory is a call to the operating system")]
-            // SAFETY: locking changes neither contents nor validity of what is mapped there; if it is no longer, the call fails.
-            unsafe {
-                Ok(rustix::mm::mlock(from as *mut _, to - from)?)
-            }
-        })
+        maps.lines().filter_map(code).try_for_each(|(from, to)| lock_range(from, to - from))
+    }
+
+    pub fn lock(bytes: &[u8]) -> io::Result<()> {
+        lock_range(bytes.as_ptr().addr(), bytes.len())
+    }
+
+    fn lock_range(from: usize, length: usize) -> io::Result<()> {
+        #[allow(unsafe_code, reason = "locking memory is a call to the operating system")]
+        // SAFETY: locking changes neither contents nor validity of what is mapped there; if nothing is, the call fails.
+        unsafe {
+            Ok(rustix::mm::mlock(std::ptr::without_provenance_mut(from), length)?)
+        }
     }
 
     /// Where a line of the memory's map is code or constants of the program or a library: `from-to r-xp .. /path`.
@@ -157,13 +171,16 @@ mod system {
         Some(latency)
     }
 
-    /// The last core that the thread may run on, if there is another for everything else.
+    /// The last core that the thread may run on, and for each further thread the one before, as long as one is left for
+    /// everything else.
     pub fn last_core() -> io::Result<()> {
+        static TAKEN: AtomicUsize = AtomicUsize::new(0);
         let allowed = sched_getaffinity(None)?;
         if allowed.count() < 2 {
             return Ok(());
         }
-        let last = (0..CpuSet::MAX_CPU).rev().find(|&cpu| allowed.is_set(cpu));
+        let nth = TAKEN.fetch_add(1, Ordering::Relaxed) % (allowed.count() as usize - 1);
+        let last = (0..CpuSet::MAX_CPU).rev().filter(|&cpu| allowed.is_set(cpu)).nth(nth);
         let mut own = CpuSet::new();
         last.into_iter().for_each(|cpu| own.set(cpu));
         Ok(sched_setaffinity(None, &own)?)
@@ -194,6 +211,10 @@ mod system {
     }
 
     pub fn lock_memory() -> io::Result<()> {
+        missing()
+    }
+
+    pub fn lock(_: &[u8]) -> io::Result<()> {
         missing()
     }
 

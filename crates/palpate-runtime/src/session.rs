@@ -11,7 +11,7 @@
 //! anything that another thread might hold.
 
 use crate::finder::{Finder, Footing, footing};
-use crate::real_time::{Clock, RealTime};
+use crate::real_time::{Clock, RealTime, lock_memory};
 use crate::record::{Record, Recorder};
 use crate::watch::{Alarm, End, Patience, Watch};
 use crate::{HapticLoop, PageFaults, Period, StageFlags, Timed};
@@ -139,6 +139,7 @@ impl Session {
         // Where it is tells where the first patch should be; a device that doesn't know yet may be anywhere.
         let place = device.read(0.0).map_or([0.0; 3], |s| haptics.map().body_from_device(&s.pose).position_m);
         let place = if place.iter().all(|x| x.is_finite()) { place } else { [0.0; 3] };
+        let notes = device.notes().iter().cloned().chain(lock_memory(&body)).collect();
         let (footing, finder) = footing(body, place, settings.patch_elements);
         let shared = Arc::new(Shared::default());
         let finding = thread::Builder::new().name("palpate-finder".into()).spawn({
@@ -150,7 +151,7 @@ impl Session {
         })?;
         let rendering = thread::Builder::new().name("palpate-haptic".into()).spawn({
             let shared = shared.clone();
-            move || Haptic { shared, haptics, footing, recorder, settings }.run(device)
+            move || Haptic { shared, haptics, footing, recorder, settings, notes }.run(device)
         });
         let rendering = rendering.inspect_err(|_| shared.over.store(true, Ordering::Release))?;
         Ok(Session { shared, threads: Some((rendering, finding)) })
@@ -232,6 +233,8 @@ struct Haptic {
     footing: Footing,
     recorder: Recorder,
     settings: Settings,
+    /// What was refused before the threads began.
+    notes: Vec<String>,
 }
 
 /// How the periods ended, as plain data.
@@ -244,7 +247,8 @@ enum Stop {
 
 impl Haptic {
     fn run(mut self, device: Box<dyn Device>) -> Report {
-        let (notes, _awake) = self.settings.real_time.enter();
+        let (refused, _awake) = self.settings.real_time.enter();
+        self.notes.extend(refused);
         let clock = Clock::start();
         let mut device = Timed::new(device, move || clock.now());
         let mut tally = Tally::default();
@@ -272,7 +276,7 @@ impl Haptic {
         };
         Report {
             end,
-            notes,
+            notes: self.notes,
             periods: tally.periods,
             refused_patches: self.footing.refused(),
             page_faults: faults,

@@ -6,7 +6,7 @@ use crate::{console, files};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
 use palpate_body::{Body, SlipRule};
-use palpate_device::simulated::{Hand, Intent as _};
+use palpate_device::simulated::{Hand, Intent as _, figures};
 use palpate_device::{Capabilities, Device, Replay, ReplaySample, Simulated};
 use palpate_engine::{Ablation, Contact};
 use palpate_runtime::{
@@ -102,15 +102,17 @@ pub struct Told {
 /// A simulated device in a hand that does as the intent says.
 ///
 /// # Errors
-/// The intent does not go on this body.
+/// The intent does not go on this body; a device or hand that can't be simulated.
 pub fn simulated(body: &Body, mut capabilities: Capabilities, hand: Hand, intent: &Intent) -> Result<Hold> {
     intent.adjust(&mut capabilities);
+    let hand = intent.hand.unwrap_or(hand);
+    figures::check(&capabilities, &hand).map_err(|e| anyhow!("{} in this hand: {e}", capabilities.name))?;
     let (place, into) = intent.place(body)?;
     let script = intent.script(into, body.tool().radius_m)?;
     let seconds = Some(script.duration_s());
     let map = Some(WorkspaceMap { offset_m: place, ..WorkspaceMap::default() });
     Ok(Hold {
-        device: Box::new(Simulated::new(capabilities, intent.hand.unwrap_or(hand), Box::new(script))),
+        device: Box::new(Simulated::new(capabilities, hand, Box::new(script))),
         map,
         seconds,
         is_replay: false,

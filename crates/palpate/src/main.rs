@@ -22,7 +22,7 @@ enum Command {
     Validate(commands::validate::Args),
     Certify(commands::certify::Args),
     Trace(commands::trace::Args),
-    Run(commands::run::Args),
+    Run(Box<commands::run::Args>),
     Export(commands::export::Args),
     Bench(commands::bench::Args),
 }

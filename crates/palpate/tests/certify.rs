@@ -66,6 +66,21 @@ fn a_ball_with_friction_holds_and_says_what_a_device_may_do() {
 }
 
 #[test]
+fn the_default_rule_is_certified_too() {
+    let (_kept, folder) = fitted(BALL, 0.4);
+    let (json, _) = certified(&folder, "--slip consistent --evaluations 200");
+    assert_eq!(json["slip"], "consistent");
+    let of = |name: &str, key: &str| json[name][key].as_u64().unwrap();
+    assert!(of("passive", "proved_elements") > 100 && of("passive", "failing_elements") == 0, "{json}");
+    assert!(of("snap_free", "failing_elements") == 0, "{json}");
+    // A device with a delay needs L: without it nothing is known of it, and null is not 0.
+    let (json, _) =
+        certified(&folder, "--slip exact --evaluations 50 --damping-n-s-per-m 0.3 --delay-samples 1");
+    assert!(json["passive"]["holds"] == true && json["lipschitz_n_per_m"].is_null(), "{json}");
+    assert!(json["device"]["stiffness_limit_n_per_m"].is_null(), "{json}");
+}
+
+#[test]
 fn a_witness_of_energy_reproduces_when_traced() {
     let (_kept, folder) = fitted(BALL, 0.02);
     let (json, code) = certified(&folder, "--evaluations 600 --witness w");
@@ -167,7 +182,7 @@ fn violations(body: &Body, steps: usize, seed: u64) -> usize {
 }
 
 fn raised_bodies_are_passive(steps: usize) {
-    let assumptions = Assumptions { step_m: 3e-4, ..Assumptions::default() };
+    let assumptions = Assumptions { step_m: 3e-4, slip: SlipRule::Paper, ..Assumptions::default() };
     let ball = body(Shape::Sphere { radius_mm: 30.0 }, 10.0, 0.02);
     let egg = body(Shape::Ellipsoid { radii_mm: [30.0, 25.0, 35.0] }, 10.0, 0.0);
     for (i, body) in [ball, egg].iter().enumerate() {

@@ -198,7 +198,7 @@ fn complaints_say_where() {
     desk.refused("--intent wrong.toml --hand none --preset omega", 1, &["moving mass", "more mass"]);
     desk.write("wrong.toml", "[device]\ndelay_ms = 100\n[[move]]\nkind = \"hold\"\nseconds = 1\n");
     desk.refused("--intent wrong.toml", 1, &["64 periods", "--rate-hz"]);
-    assert_eq!(desk.run("run block.body --device simulated").status.code(), Some(2));
+    assert_eq!(desk.run("run block.body --device nonsense").status.code(), Some(2));
     let help = desk.run("run --help");
-    assert!(String::from_utf8_lossy(&help.stdout).contains("Example:"));
+    assert!(String::from_utf8_lossy(&help.stdout).contains("Examples:"));
 }

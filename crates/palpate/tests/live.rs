@@ -213,7 +213,7 @@ fn what_was_changed_is_found_and_what_was_cut_is_traced_up_to_there() {
     let output = desk.run("trace block.body --path force.rec -o force.csv");
     assert_eq!(output.status.code(), Some(3));
     let time = records[touched].time_s;
-    assert!(said(&output).contains(&format!("force.rec: 1 of ")), "{}", said(&output));
+    assert!(said(&output).contains("force.rec: 1 of "), "{}", said(&output));
     assert!(said(&output).contains(&format!("the first at {time} s")), "{}", said(&output));
 
     let bytes = fs::read(desk.path("a.rec")).unwrap();

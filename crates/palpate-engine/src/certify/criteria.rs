@@ -2,7 +2,7 @@
 //! constant (L). All formulas are those of docs/passivity.md, on intervals; a [`Cell`] without extent gives the value at
 //! a state.
 
-use super::interval::{Box3, Interval, dot, length, scaled, sum};
+use super::interval::{Box3, Interval, applied, dot, length, scaled, sum};
 use super::patch::{Cell, Patch, View};
 
 /// A certificate's criterion: of each the least value over all slip states is sought.
@@ -26,24 +26,26 @@ pub enum Criterion {
 const SLACK: f64 = 0.01;
 
 /// A cell's frame, and where the lateral deflection leads.
-struct Frame {
+pub(super) struct Frame {
     /// û.
-    u: Box3,
+    pub u: Box3,
+    /// A, by rows; none where the body is isotropic.
+    pub tensor: Option<[Box3; 3]>,
     /// 1/|Σ n u|.
-    per_length: Interval,
+    pub per_length: Interval,
     /// δ_t/δr, its projection's direction, and their cosine.
-    e: Box3,
-    d: [Interval; 2],
-    cosine: Interval,
+    pub e: Box3,
+    pub d: [Interval; 2],
+    pub cosine: Interval,
     /// A e.
-    stretched: Box3,
+    pub stretched: Box3,
     /// û·A e.
-    along_u: Interval,
+    pub along_u: Interval,
     /// P_û A e.
-    w: Box3,
+    pub w: Box3,
     /// ρ/δr, and |P_û A e|/q.
-    q: Interval,
-    gain: Interval,
+    pub q: Interval,
+    pub gain: Interval,
 }
 
 /// While the contact point moves by t.
@@ -63,7 +65,7 @@ struct Motion {
 }
 
 impl Frame {
-    fn new(patch: &Patch, view: &View) -> Self {
+    pub fn new(patch: &Patch, view: &View) -> Self {
         let [a, b, c] = view.u;
         let sum = [0, 1, 2].map(|i| Interval::hull([a[i], b[i], c[i]]));
         // The length of a mix is at most the longest's.
@@ -80,6 +82,7 @@ impl Frame {
             let (one, zero) = (Interval::ONE, Interval::ZERO);
             return Frame {
                 u,
+                tensor: None,
                 per_length,
                 e,
                 d,
@@ -97,7 +100,12 @@ impl Frame {
         let [least, greatest] = patch.stretch().map(f64::sqrt);
         let q = dot(e, stretched).sqrt().clip(least, greatest);
         let gain = length(w).per(q).clip(least, greatest);
-        Frame { u, per_length, e, d, cosine, stretched, along_u, w, q, gain }
+        Frame { u, tensor: Some(*tensor), per_length, e, d, cosine, stretched, along_u, w, q, gain }
+    }
+
+    /// A v.
+    pub fn stretch(&self, v: Box3) -> Box3 {
+        self.tensor.as_ref().map_or(v, |a| applied(a, v))
     }
 
     fn motion(&self, view: &View, t: [Interval; 2], way: Interval) -> Motion {
@@ -148,13 +156,16 @@ impl Frame {
 }
 
 /// Cosines and sines of the angles up to `half` (< π/2) to either side of 0.
-fn arc(half: f64) -> (Interval, Interval) {
+pub(super) fn arc(half: f64) -> (Interval, Interval) {
     let (sin, cos) = half.sin_cos();
     (Interval::new(cos, 1.0), Interval::around_zero(sin))
 }
 
 /// The deflection ρ with which a state's lateral force is at its limit, m.
 pub(super) fn limit_reach(patch: &Patch, state: &Cell) -> f64 {
+    if patch.slopes.is_some() {
+        return super::consistent::limit_reach(patch, state);
+    }
     let frame = Frame::new(patch, &patch.view(state));
     let (n, depth) = (state.corners[0], state.depth_m[0]);
     let limit = patch.friction.value(n, depth) * patch.normal.value(n, depth);
@@ -195,6 +206,9 @@ impl Criterion {
             // The frames are folded against the element: no direction is what it seems.
             return f64::NEG_INFINITY;
         }
+        if patch.slopes.is_some() {
+            return super::consistent::bound(self, patch, cell, &view, &frame);
+        }
         let Some((ratio, normal)) = slipping(patch, cell, &frame) else { return f64::INFINITY };
         match self {
             Criterion::Passive => passive(patch, cell, &view, &frame)
@@ -212,14 +226,8 @@ impl Criterion {
                 };
                 -passive(patch, cell, &view, &frame).map(needs).fold(0.0, f64::max)
             }
-            Criterion::SnapFree => slope(patch, cell, &view, &frame, normal).eta.lo,
-            Criterion::Lipschitz | Criterion::Pace => {
-                let s = slope(patch, cell, &view, &frame, normal);
-                if s.eta.lo <= 0.0 {
-                    return f64::NEG_INFINITY;
-                }
-                let pace = s.excess / s.eta.lo;
-                -if self == Criterion::Pace { pace } else { s.stick + s.force * pace }
+            Criterion::SnapFree | Criterion::Lipschitz | Criterion::Pace => {
+                lipschitz(self, &slope(patch, cell, &view, &frame, normal))
             }
         }
     }
@@ -261,16 +269,26 @@ fn passive(
     terms.into_iter().flatten()
 }
 
+/// The bound of S, L or the pace, from what slip does.
+pub(super) fn lipschitz(criterion: Criterion, s: &Slope) -> f64 {
+    match criterion {
+        Criterion::SnapFree => s.eta.lo,
+        _ if s.eta.lo <= 0.0 => f64::NEG_INFINITY,
+        Criterion::Pace => -s.excess / s.eta.lo,
+        _ => -(s.stick + s.force * s.excess / s.eta.lo),
+    }
+}
+
 /// What slip does to the drive and the force.
-struct Slope {
+pub(super) struct Slope {
     /// η = d(L − |f_t|)/ds, N/m.
-    eta: Interval,
+    pub eta: Interval,
     /// |∂_s f|, N/m, at most.
-    force: f64,
+    pub force: f64,
     /// |∂_x(|f_t| − L)|, N/m, at most.
-    excess: f64,
+    pub excess: f64,
     /// Greatest stiffness in stick, N/m.
-    stick: f64,
+    pub stick: f64,
 }
 
 fn slope(patch: &Patch, cell: &Cell, view: &View, frame: &Frame, normal: Interval) -> Slope {

@@ -13,7 +13,7 @@ pub(crate) struct Curves {
     /// Of each piece: the powers of each node's curve, in the distance from the knot, (knots × 3 × 4).
     powers: Vec<[[f64; 4]; 3]>,
     /// And of its integral, (knots × 3 × 5).
-    integrals: Vec<[[f64; 5]; 3]>,
+    pub integrals: Vec<[[f64; 5]; 3]>,
     /// Which power of a deflection near 0 all three begin with.
     order: usize,
 }
@@ -35,7 +35,7 @@ impl Curves {
     }
 
     /// The pieces that meet a range, with the part of each that does, in distances from its knot.
-    fn pieces(&self, [lo, hi]: [f64; 2]) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
+    pub fn pieces(&self, [lo, hi]: [f64; 2]) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
         let first = self.knots.iter().skip(1).take_while(|&&k| k <= lo).count();
         (first..self.knots.len()).map_while(move |i| {
             let (knot, next) = (self.knots[i], self.knots.get(i + 1).copied().unwrap_or(f64::INFINITY));
@@ -94,19 +94,46 @@ impl Curves {
         })
     }
 
-    /// Value by deflection, of a curve that begins at 0.
-    pub fn secant(&self, corners: &Corners, span: [f64; 2]) -> Interval {
+    /// Value by deflection, of a curve that begins at 0. At x in a span from s to e it is the mean of that at s, with the
+    /// weight s/x, and of slopes between; so at most 1 − s/e of it is slopes.
+    pub fn secant(&self, corners: &Corners, [from, to]: [f64; 2]) -> Interval {
+        let slopes = self.slope(corners, [from, to]);
+        if from <= 0.0 {
+            return slopes;
+        }
+        let first = Interval::hull(corners.map(|n| self.value(n, from) / from));
+        let share = Interval::new(0.0, 1.0 - from / to);
+        let end = |first: f64, slope: f64| {
+            Interval::new(first, first) + (Interval::new(slope, slope) - Interval::new(first, first)) * share
+        };
+        Interval::new(end(first.lo, slopes.lo).lo, end(first.hi, slopes.hi).hi)
+    }
+
+    /// Slope less secant, of a curve that begins at 0: of the difference's own polynomial.
+    pub fn bend(&self, corners: &Corners, span: [f64; 2]) -> Interval {
         self.over(span, |i, s, e| {
+            let knot = self.knots[i];
             join(corners.map(|n| {
                 let [a, b, c, d] = mixed(n, &self.powers[i]);
                 if i == 0 {
-                    range([b, c, d, 0.0, 0.0], s, e)
-                } else {
-                    let knot = self.knots[i];
-                    range([a, b, c, d, 0.0], s, e).per(Interval::new(knot + s, knot + e))
+                    return range([0.0, c, 2.0 * d, 0.0, 0.0], s, e);
                 }
+                let p = [b * knot - a, 2.0 * c * knot, c + 3.0 * d * knot, 2.0 * d, 0.0];
+                range(p, s, e).per(Interval::new(knot + s, knot + e))
             }))
         })
+    }
+
+    /// A force over a part of one piece, with as many powers of the deflection taken out as near 0 all three nodes' have in
+    /// common.
+    pub fn force(&self, corners: &Corners, piece: usize, from: f64, to: f64) -> (Interval, usize) {
+        let taken = if piece == 0 { self.order } else { 0 };
+        let of = |n| {
+            let p = mixed(n, &self.powers[piece]);
+            let at = |i: usize| p.get(i + taken).copied().unwrap_or(0.0);
+            range([at(0), at(1), at(2), at(3), 0.0], from, to)
+        };
+        (join(corners.map(of)), taken)
     }
 
     /// Σ g F / f for two gradients, m; near 0 with the power in common taken out.

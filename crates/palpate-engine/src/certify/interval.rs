@@ -164,6 +164,36 @@ pub(crate) fn sum<const N: usize>(terms: [Box3; N]) -> Box3 {
     terms.into_iter().fold([Interval::ZERO; 3], |s, t| [s[0] + t[0], s[1] + t[1], s[2] + t[2]])
 }
 
+/// Its projection on the element.
+#[inline]
+pub(crate) fn flat([x, y, _]: Box3) -> Box3 {
+    [x, y, Interval::ZERO]
+}
+
+/// A matrix, by rows, times a vector.
+#[inline]
+pub(crate) fn applied(rows: &[Box3; 3], v: Box3) -> Box3 {
+    rows.map(|row| dot(row, v))
+}
+
+/// The directions of the vectors in a rectangle, as components of unit vectors.
+pub(crate) fn direction([x, y]: [Interval; 2]) -> [Interval; 2] {
+    let along = |x: Interval, y: Interval| {
+        let square = y.square();
+        let at = |x: f64, y2: f64| {
+            let r = (x * x + y2).sqrt();
+            if r > 0.0 { x / r } else { 0.0 }
+        };
+        if x.lo <= 0.0 && x.hi >= 0.0 && square.lo == 0.0 {
+            // Through the origin: to either side, if at all.
+            return Interval::new(if x.lo < 0.0 { -1.0 } else { 0.0 }, if x.hi > 0.0 { 1.0 } else { 0.0 });
+        }
+        let low = at(x.lo, if x.lo > 0.0 { square.hi } else { square.lo });
+        Interval::new(low, at(x.hi, if x.hi > 0.0 { square.lo } else { square.hi }))
+    };
+    [along(x, y), along(y, x)]
+}
+
 #[inline]
 pub(crate) fn length(a: Box3) -> Interval {
     (a[0].square() + a[1].square() + a[2].square()).sqrt()

@@ -8,13 +8,17 @@
 //!
 //! [`Contact::step`]: crate::Contact::step
 
+mod consistent;
 mod criteria;
 mod curves;
 mod interval;
 mod patch;
 mod search;
+mod slopes;
 #[cfg(test)]
 mod tests;
+
+use palpate_body::SlipRule;
 
 pub use criteria::Criterion;
 pub use patch::{Cell, Patch, State};
@@ -32,11 +36,19 @@ pub struct Assumptions {
     pub aside_rad: f64,
     /// What the body's friction is multiplied by.
     pub friction_factor: f64,
+    /// The rule that slips follow.
+    pub slip: SlipRule,
 }
 
 impl Default for Assumptions {
     /// 1 mm, as of a hand at 1 m/s and 1 kHz; 3°, more than a body turns over the way of such a slip.
     fn default() -> Self {
-        Assumptions { step_m: 1e-3, depth_m: None, aside_rad: 0.05, friction_factor: 1.0 }
+        Assumptions {
+            step_m: 1e-3,
+            depth_m: None,
+            aside_rad: 0.05,
+            friction_factor: 1.0,
+            slip: SlipRule::default(),
+        }
     }
 }

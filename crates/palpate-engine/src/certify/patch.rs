@@ -3,8 +3,9 @@
 use super::Assumptions;
 use super::curves::{Corners, Curves};
 use super::interval::{Box3, Interval};
+use super::slopes::Slopes;
 use glam::{DMat3, DVec2, DVec3};
-use palpate_body::{Body, Tensor, tensor};
+use palpate_body::{Body, SlipRule, Tensor, tensor};
 use std::f64::consts::PI;
 
 /// Friction that holds beyond this many times the lateral curves' end is not followed farther.
@@ -138,11 +139,15 @@ pub struct Patch {
     pub(super) normal: Curves,
     pub(super) friction: Curves,
     pub(super) lateral: Curves,
+    /// Which rule's slips.
+    pub(super) slip: SlipRule,
+    /// What its drive takes off the lateral force; none for `paper`.
+    pub(super) slopes: Option<Slopes>,
     /// R, m.
     pub(super) radius_m: f64,
     /// Deepest δz, m.
     pub(super) depth_end_m: f64,
-    /// Greatest ρ, m.
+    /// Greatest ρ that is looked at, m.
     pub(super) reach_m: f64,
     /// Whether friction holds farther than that.
     pub(super) beyond: bool,
@@ -182,10 +187,14 @@ impl Patch {
         let factor = assumptions.friction_factor;
         let friction =
             depth_rows.iter().map(|r| r.map(|[.., a, b, c, d]| ([a, b, c, d].map(|x| x * factor), 0.0)));
+        let gradients = [-g1 - g2, g1, g2];
+        let normal = Curves::new(depths, normal.collect());
+        let lateral = Curves::new(laterals, lateral_rows.collect());
+        let slip = assumptions.slip;
         let mut patch = Patch {
             axes,
             corners: [p, q, r],
-            gradients: [-g1 - g2, g1, g2],
+            gradients,
             frames: nodes.map(|n| local(n.inward)),
             tensors: (!body.is_isotropic()).then(|| {
                 let turn = DMat3::from_cols(axes[0], axes[1], axes[2]);
@@ -195,9 +204,12 @@ impl Patch {
                 let greatest = values.iter().fold(0.0f64, |v, [high, _]| v.max(*high));
                 (tensors.map(|a| turn.transpose() * matrix(a) * turn), [least, greatest])
             }),
-            normal: Curves::new(depths, normal.collect()),
+            slopes: (slip != SlipRule::Paper)
+                .then(|| Slopes::new(body, element, slip, axes, gradients, [&normal, &lateral])),
+            slip,
+            normal,
             friction: Curves::new(depths, friction.collect()),
-            lateral: Curves::new(laterals, lateral_rows.collect()),
+            lateral,
             radius_m: body.tool().radius_m,
             depth_end_m: 0.0,
             reach_m: 0.0,
@@ -214,6 +226,10 @@ impl Patch {
         let farthest = FARTHEST * patch.lateral.end();
         patch.beyond = reach > farthest;
         patch.reach_m = reach.min(farthest);
+        if patch.slopes.is_some() {
+            // The energy's gradients can hold the point too, in principle at any deflection: to the curves' end it is seen to.
+            patch.reach_m = patch.reach_m.max(patch.lateral.end());
+        }
         patch
     }
 
@@ -227,6 +243,11 @@ impl Patch {
                 reach_m: [0.0, self.reach_m],
             })
             .collect()
+    }
+
+    /// Whether the lateral force depends on the direction.
+    pub(super) fn is_stretched(&self) -> bool {
+        self.tensors.is_some()
     }
 
     /// Least and greatest eigenvalue of A in the tangent plane.
@@ -293,7 +314,7 @@ impl Patch {
             let mixed = std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j)));
             (mixed, [mix(gx), mix(gy)])
         });
-        View { gx, gy, u, du: [mix(gx), mix(gy)], half, stretch }
+        View { gx, gy, u, du: [mix(gx), mix(gy)], frames, turn: [cos, sin], half, stretch }
     }
 }
 
@@ -309,12 +330,16 @@ pub(super) struct View {
     pub u: [DVec3; 3],
     /// Its gradient along x and y, 1/m.
     pub du: [DVec3; 2],
+    /// Of the nodes.
+    pub frames: [DVec3; 3],
+    /// Cosine and sine of the middle direction.
+    pub turn: [f64; 2],
     /// Half the angle between the cell's directions, rad.
     pub half: f64,
     /// A, by rows, and its gradient along x and y; none where the body is isotropic.
     pub stretch: Option<([Box3; 3], [DMat3; 2])>,
 }
 
-fn matrix([xx, yy, zz, xy, xz, yz]: &Tensor) -> DMat3 {
+pub(super) fn matrix([xx, yy, zz, xy, xz, yz]: &Tensor) -> DMat3 {
     DMat3::from_cols(DVec3::new(*xx, *xy, *xz), DVec3::new(*xy, *yy, *yz), DVec3::new(*xz, *yz, *zz))
 }

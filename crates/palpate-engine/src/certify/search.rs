@@ -1,5 +1,6 @@
 //! Branch and bound: from both sides, the least value of a criterion over the slip states of an element.
 
+use super::consistent;
 use super::criteria::{Criterion, limit_reach};
 use super::patch::{Cell, Cut, Patch};
 use std::cmp::Ordering;
@@ -72,13 +73,17 @@ pub fn least(criterion: Criterion, patch: &Patch, cells: &[Cell], effort: Effort
         let bound = criterion.bound(patch, &cell);
         found.evaluations += 1;
         if bound < f64::INFINITY {
-            sample(criterion, patch, cell.middle(), cell.reach_m, found);
+            // Where the limit is found by a search of its own, an eighth of the cells has to do.
+            if bound < found.found && (patch.slopes.is_none() || open.len().is_multiple_of(8)) {
+                sample(criterion, patch, cell.middle(), cell.reach_m, found);
+            }
             open.push(Open { bound, cell });
         }
     };
     for cell in cells {
         add(*cell, &mut found, &mut open);
     }
+    let mut cuts = Cuts::default();
     while let Some(Open { bound, cell }) = open.peek() {
         found.proved = *bound;
         let near = effort.absolute.max(effort.relative * found.found.abs());
@@ -87,7 +92,8 @@ pub fn least(criterion: Criterion, patch: &Patch, cells: &[Cell], effort: Effort
         if found.found - bound <= near || found.evaluations >= evaluations {
             return found;
         }
-        let Some(cut) = best_cut(criterion, patch, cell, &mut found.evaluations) else { return found };
+        let cut = cuts.best(criterion, patch, cell, *bound, &mut found.evaluations);
+        let Some(cut) = cut else { return found };
         let halves = cell.halves(cut);
         open.pop();
         for half in halves {
@@ -104,7 +110,9 @@ fn scan(criterion: Criterion, patch: &Patch, cell: &Cell, found: &mut Bounds) {
     let state = cell.middle();
     let places = [cell.corners[0], cell.corners[1], cell.corners[2], state.corners[0]];
     for place in places {
-        for share in [0.05, 0.3, 0.65, 1.0] {
+        // Where the limit has to be searched for, fewer depths.
+        let shares: &[f64] = if patch.slopes.is_none() { &[0.05, 0.3, 0.65, 1.0] } else { &[0.3, 1.0] };
+        for share in shares {
             let depth = cell.depth_m[0] + share * (cell.depth_m[1] - cell.depth_m[0]);
             let state = Cell { corners: [place; 3], depth_m: [depth; 2], ..state };
             sample(criterion, patch, state, cell.reach_m, found);
@@ -168,31 +176,74 @@ fn descend_along(
     sample(criterion, patch, next, reaches, found);
 }
 
-/// The direction whose extent costs the bound most; the widest where no one direction does.
-fn best_cut(criterion: Criterion, patch: &Patch, cell: &Cell, evaluations: &mut u32) -> Option<Cut> {
-    let mut best: Option<(f64, f64, Cut)> = None;
-    for cut in Cut::ALL {
-        let width = cell.width(cut, patch);
+/// What the extent in each direction costs the bound.
+#[derive(Default)]
+struct Cuts {
+    /// By width, as it was lately.
+    worth: [f64; 4],
+    made: u32,
+}
+
+impl Cuts {
+    /// Cuts after the first ones for each that is tried in all directions: trying costs twice as much as cutting.
+    const TRIED: u32 = 4;
+
+    /// The direction whose extent costs the bound most; the widest where no one direction does.
+    fn best(
+        &mut self,
+        criterion: Criterion,
+        patch: &Patch,
+        cell: &Cell,
+        bound: f64,
+        evaluations: &mut u32,
+    ) -> Option<Cut> {
         // A hundred-thousandth of all there is: what differs within that is rounding.
-        if width < 1e-5 {
-            continue;
+        let widths = Cut::ALL.map(|cut| Some(cell.width(cut, patch)).filter(|w| *w >= 1e-5));
+        self.made += 1;
+        let tried = self.made < 16 || self.made.is_multiple_of(Self::TRIED);
+        if tried || bound == f64::NEG_INFINITY {
+            let mut best: Option<(f64, f64, Cut)> = None;
+            for ((cut, width), worth) in Cut::ALL.into_iter().zip(widths).zip(&mut self.worth) {
+                let Some(width) = width else { continue };
+                *evaluations += 1;
+                let without = criterion.bound(patch, &cell.flat(cut));
+                if best.is_none_or(|(bound, w, _)| (without, width) > (bound, w)) {
+                    best = Some((without, width, cut));
+                }
+                let gain = (without - bound) / width;
+                if gain.is_finite() {
+                    *worth += 0.3 * (gain - *worth);
+                }
+            }
+            return best.map(|(.., cut)| cut);
         }
-        *evaluations += 1;
-        let without = criterion.bound(patch, &cell.flat(cut));
-        if best.is_none_or(|(bound, w, _)| (without, width) > (bound, w)) {
-            best = Some((without, width, cut));
-        }
+        let cost = |i: usize| widths[i].map(|w| w * self.worth[i].max(0.0));
+        let worst = (0..4)
+            .filter(|&i| widths[i].is_some())
+            .max_by(|&i, &j| cost(i).partial_cmp(&cost(j)).unwrap_or(Ordering::Equal));
+        worst.map(|i| Cut::ALL[i])
     }
-    best.map(|(.., cut)| cut)
 }
 
 /// The value at a state, with the least deflection within `reaches` that slips.
 fn sample(criterion: Criterion, patch: &Patch, state: Cell, [least, most]: [f64; 2], found: &mut Bounds) {
+    if patch.slopes.is_some() {
+        // At its limit, and as it is.
+        let crossing = consistent::crossing(patch, &state, [least, most], 4).map(|reach| [reach; 2]);
+        for reach_m in crossing.into_iter().chain([state.reach_m]) {
+            note(criterion, patch, Cell { reach_m, ..state }, found);
+        }
+        return;
+    }
     let reach = limit_reach(patch, &state);
     if reach > most {
         return;
     }
-    let state = Cell { reach_m: [reach.max(least); 2], ..state };
+    note(criterion, patch, Cell { reach_m: [reach.max(least); 2], ..state }, found);
+}
+
+/// The value at a state, if it is the least so far.
+fn note(criterion: Criterion, patch: &Patch, state: Cell, found: &mut Bounds) {
     let value = criterion.bound(patch, &state);
     found.evaluations += 1;
     if value < found.found {

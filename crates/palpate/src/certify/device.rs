@@ -61,12 +61,13 @@ pub struct Limits {
     /// Of the device.
     #[serde(flatten)]
     pub device: Device,
-    /// The greatest stiffness it can hold, N/m.
-    pub stiffness_limit_n_per_m: f64,
+    /// The greatest stiffness it can hold, N/m; null, like the two below, where a delay or an error of position makes it a
+    /// matter of L or of the contact point's way, and that is not bounded.
+    pub stiffness_limit_n_per_m: Option<f64>,
     /// The depth δz down to which no place of the body is stiffer; 0 if the body is too stiff sideways at any depth.
-    pub depth_limit_m: f64,
+    pub depth_limit_m: Option<f64>,
     /// The normal force up to which no place is as deep.
-    pub force_limit_n: f64,
+    pub force_limit_n: Option<f64>,
     /// Whether that is all of the depth that the curves know.
     pub whole_depth: bool,
     /// The contact point's way by the tool's, at most; null where it is not bounded.
@@ -75,43 +76,38 @@ pub struct Limits {
 
 /// The limits of `device` on `body`: b ≥ K T/2 + L D ([`damping_needed`]), and c_f ≥ K e (1 + |Δc|/|Δx|).
 ///
-/// `lipschitz` is L, N/m, and `pace` the bound of |Δc|/|Δx|, where they exist; without them a device with a delay, or one
-/// with an error of position, has no limit above 0.
+/// `lipschitz` is L, N/m, and `pace` the bound of |Δc|/|Δx|, where they exist; without them nothing is known of a device
+/// with a delay, or of one with an error of position.
 pub fn limits(body: &Body, device: Device, lipschitz: Option<f64>, pace: Option<f64>) -> Limits {
     let period = 1.0 / device.rate_hz;
     let delay = device.delay_samples * period;
-    let delayed = match lipschitz {
-        _ if delay == 0.0 => 0.0,
-        Some(l) => damping_needed(0.0, l, period, delay),
-        None => f64::INFINITY,
-    };
-    let by_damping = (device.damping_n_s_per_m - delayed) / damping_needed(1.0, 0.0, period, 0.0);
-    let by_friction = match pace {
-        _ if device.position_error_m == 0.0 => f64::INFINITY,
-        Some(pace) => device.coulomb_n / (device.position_error_m * (1.0 + pace)),
-        None => 0.0,
-    };
-    let stiffness_limit_n_per_m = by_damping.min(by_friction).max(0.0);
-    let lateral = crate::inspect::stiffness_aside(body);
-    let depth_limit_m = if lateral > stiffness_limit_n_per_m {
-        0.0
+    let delayed =
+        if delay == 0.0 { Some(0.0) } else { lipschitz.map(|l| damping_needed(0.0, l, period, delay)) };
+    let by_friction = if device.position_error_m == 0.0 {
+        Some(f64::INFINITY)
     } else {
-        let depth = |curve: &Curve| depth_of_slope(curve, stiffness_limit_n_per_m);
-        body.curves().iter().map(|r| depth(&r.normal)).fold(f64::INFINITY, f64::min)
+        pace.map(|pace| device.coulomb_n / (device.position_error_m * (1.0 + pace)))
     };
+    let stiffness = delayed.zip(by_friction).map(|(delayed, by_friction)| {
+        let by_damping = (device.damping_n_s_per_m - delayed) / damping_needed(1.0, 0.0, period, 0.0);
+        by_damping.min(by_friction).max(0.0)
+    });
     let end = body.responses().depth_knots().values().last().copied().unwrap_or_default();
-    let depth_limit_m = depth_limit_m.min(end);
+    let depth = stiffness.map(|stiffness| {
+        if crate::inspect::stiffness_aside(body) > stiffness {
+            return 0.0;
+        }
+        let depth = |curve: &Curve| depth_of_slope(curve, stiffness);
+        body.curves().iter().map(|r| depth(&r.normal)).fold(end, f64::min)
+    });
+    // Pressed deeper, every mix of curves gives at least the softest one's force.
+    let force = |depth| body.curves().iter().map(|r| r.normal.value(depth)).fold(f64::INFINITY, f64::min);
     Limits {
         device,
-        stiffness_limit_n_per_m,
-        depth_limit_m,
-        // Pressed deeper, every mix of curves gives at least the softest one's force.
-        force_limit_n: body
-            .curves()
-            .iter()
-            .map(|r| r.normal.value(depth_limit_m))
-            .fold(f64::INFINITY, f64::min),
-        whole_depth: depth_limit_m == end,
+        stiffness_limit_n_per_m: stiffness,
+        depth_limit_m: depth,
+        force_limit_n: depth.map(force),
+        whole_depth: depth == Some(end),
         contact_way_ratio: pace,
     }
 }

@@ -31,6 +31,7 @@ pub struct Raised {
 /// # Errors
 /// An element that no friction makes passive, with its place.
 pub fn raise(body: &Body, assumptions: &Assumptions, evaluations: u32) -> Result<(Body, Raised)> {
+    let assumptions = &Assumptions { slip: SlipRule::Paper, ..*assumptions };
     let knots = body.responses().depth_knots().values().to_vec();
     let intervals = knots.len() - 1;
     let mut body_now = Body::new(body.parts())?;

@@ -34,9 +34,23 @@ pub struct Shown {
     pub waypoints: Vec<Waypoint>,
 }
 
-/// A path that makes energy out of nothing near a state that breaks P: presses at the state's contact point, or a little
-/// before it, and drags across, with all slips where P is broken.
+/// Shares of a state's depth at which it is tried: where P and S are both broken no path may come as deep.
+const DEPTHS: [f64; 5] = [1.0, 0.7, 0.5, 0.3, 0.2];
+
+/// A path that makes energy out of nothing near a state that breaks P, as deep or less.
 pub fn of_energy(body: &Body, assumptions: &Assumptions, element: u32, cell: &Cell) -> Option<Shown> {
+    DEPTHS.iter().find_map(|share| {
+        let cell = Cell {
+            depth_m: cell.depth_m.map(|z| z * share),
+            reach_m: cell.reach_m.map(|r| r * share),
+            ..*cell
+        };
+        generating(body, assumptions, element, &cell)
+    })
+}
+
+/// Presses at the state's contact point, or a little before it, and drags across, with all slips where P is broken.
+fn generating(body: &Body, assumptions: &Assumptions, element: u32, cell: &Cell) -> Option<Shown> {
     let patch = Patch::new(body, element, assumptions);
     let broken = |cell: &Cell| Criterion::Passive.bound(&patch, cell) < 0.0;
     // Along the way, with friction just overcome.
@@ -46,7 +60,8 @@ pub fn of_energy(body: &Body, assumptions: &Assumptions, element: u32, cell: &Ce
         let (from, to) = (-far(-1.0), far(1.0));
         let drag: Vec<State> =
             (from..=to).filter_map(|i| at(f64::from(i) * FINE)).map(|c| patch.state(&c)).collect();
-        if let Some(shown) = traced(body, &[pressed(body, drag.first()?), tips(&drag)].concat())
+        if let Some(shown) =
+            traced(body, assumptions.slip, &[pressed(body, drag.first()?), tips(&drag)].concat())
             && shown.generated_j > 0.0
         {
             return Some(shown);
@@ -55,7 +70,8 @@ pub fn of_energy(body: &Body, assumptions: &Assumptions, element: u32, cell: &Ce
     // Only beyond the limit: a leap from within it.
     let start = patch.state(&patch.at_limit(cell));
     let leap = patch.state(cell);
-    traced(body, &[pressed(body, &start), vec![leap.tip]].concat()).filter(|s| s.generated_j > 0.0)
+    traced(body, assumptions.slip, &[pressed(body, &start), vec![leap.tip]].concat())
+        .filter(|s| s.generated_j > 0.0)
 }
 
 /// A path on which the force jumps near a state that breaks S: presses at its contact point and moves aside until friction
@@ -67,7 +83,7 @@ pub fn of_snap(body: &Body, assumptions: &Assumptions, element: u32, cell: &Cell
     let aside = state.lateral.try_normalize().unwrap_or(state.along);
     let beyond = 0.2 * state.lateral.length() + 2e-4;
     path.extend(line(state.tip, state.tip + aside * beyond));
-    let shown = traced(body, &path)?;
+    let shown = traced(body, assumptions.slip, &path)?;
     // A jump does not shrink with the steps.
     (shown.finer_step_n > CLICK && shown.finer_step_n > 0.5 * shown.largest_step_n).then_some(shown)
 }
@@ -91,16 +107,16 @@ fn line(from: DVec3, to: DVec3) -> Vec<DVec3> {
 
 /// Leads a contact along the tips, one millisecond a row; none if the contact was lost, or did something that no
 /// certificate speaks of.
-fn traced(body: &Body, tips: &[DVec3]) -> Option<Shown> {
+fn traced(body: &Body, slip: SlipRule, tips: &[DVec3]) -> Option<Shown> {
     let mut tips = tips.to_vec();
     tips.dedup_by(|a, b| a.distance(*b) < 1e-9);
-    let (generated_j, largest_step_n) = led(body, &tips)?;
+    let (generated_j, largest_step_n) = led(body, slip, &tips)?;
     let finer: Vec<DVec3> = tips
         .windows(2)
         .flat_map(|w| (0..10).map(move |i| w[0] + (w[1] - w[0]) * (f64::from(i) / 10.0)))
         .chain(tips.last().copied())
         .collect();
-    let (_, finer_step_n) = led(body, &finer)?;
+    let (_, finer_step_n) = led(body, slip, &finer)?;
     let waypoints: Vec<Waypoint> = tips
         .iter()
         .enumerate()
@@ -110,9 +126,9 @@ fn traced(body: &Body, tips: &[DVec3]) -> Option<Shown> {
 }
 
 /// Energy generated, and the largest step of the force while in contact.
-fn led(body: &Body, tips: &[DVec3]) -> Option<(f64, f64)> {
+fn led(body: &Body, slip: SlipRule, tips: &[DVec3]) -> Option<(f64, f64)> {
     let poses = tips.iter().map(|tip| ToolPose::at(tip.to_array()));
-    let mut outputs = rollout(body, poses, SlipRule::Paper, Ablation::None);
+    let mut outputs = rollout(body, poses, slip, Ablation::None);
     let (mut before, mut largest, mut touching) = (DVec3::ZERO, 0.0f64, false);
     for output in outputs.by_ref() {
         let flags = output.flags;

@@ -2,9 +2,7 @@
 
 use super::Failure;
 use crate::certify::witness::{self, Shown};
-use crate::certify::{
-    Certificate, EVALUATIONS, Element, Holds, certificate, device, elements, floor, uncovered, window,
-};
+use crate::certify::{Certificate, Element, Holds, certificate, device, elements, floor, window};
 use crate::path::Waypoint;
 use crate::{console, files, vtu};
 use palpate_body::{Body, SlipRule};
@@ -25,7 +23,7 @@ use std::path::{Path, PathBuf};
 #[command(
     after_help = "Examples:\n  palpate certify liver.body --witness witness --vtu liver-margins.vtu\n  \
                         palpate certify liver.body --device touch\n  \
-                        palpate certify liver.body --raise-friction -o liver-passive.body\n\n\
+                        palpate certify liver.body --slip paper --raise-friction -o liver-passive.body\n\n\
                         Exit status: 0 done, 1 wrong input, 2 wrong usage, 3 a certificate does not hold."
 )]
 pub struct Args {
@@ -43,9 +41,9 @@ pub struct Args {
     /// Deepest that the tool goes, mm; the curves' end if not given
     #[arg(long, value_name = "X")]
     depth_mm: Option<f64>,
-    /// Bounds computed for each element and certificate, at most
-    #[arg(long, value_name = "N", default_value_t = EVALUATIONS)]
-    evaluations: u32,
+    /// Bounds computed for each element and certificate, at most; 3000 for the rule paper, 600 for the others if not given
+    #[arg(long, value_name = "N")]
+    evaluations: Option<u32>,
     /// How P and S fare with less and more friction, by search
     #[arg(long)]
     window: bool,
@@ -96,16 +94,17 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let outputs: Vec<_> = args.output.iter().chain(&args.vtu).chain(paths.iter().flatten()).collect();
     files::refuse_overwrite(&outputs, &[&args.body])?;
     let mut body = Body::open(&args.body)?;
+    let rule = args.slip.map_or(body.slip(), super::Slip::rule);
+    args.check_rule(rule)?;
+    let evaluations = args.evaluations.unwrap_or_else(|| crate::certify::evaluations(rule));
     let assumptions = Assumptions {
+        slip: rule,
         step_m: args.step_mm * 1e-3,
         depth_m: args.depth_mm.map(|d| d * 1e-3),
         ..Assumptions::default()
     };
-    let rule = args.slip.map_or(body.slip(), super::Slip::rule);
-    let covered = rule == SlipRule::Paper;
-    args.check_rule(covered)?;
     if let (true, Some(output)) = (args.raise_friction, &args.output) {
-        let (raised, report) = floor::raise(&body, &assumptions, args.evaluations)?;
+        let (raised, report) = floor::raise(&body, &assumptions, evaluations)?;
         raised.save(output)?;
         body = raised;
         console::note(&format!(
@@ -117,18 +116,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             report.largest_friction
         ));
     }
-    let elements = if covered { elements(&body, &assumptions, args.evaluations) } else { Vec::new() };
-    let mut found = if covered {
-        certificate(&body, &assumptions, &elements)
-    } else {
-        uncovered(&body, &assumptions, rule)
-    };
+    let elements = elements(&body, &assumptions, evaluations);
+    let mut found = certificate(&body, &assumptions, &elements);
     if args.window {
         found.window = window(&body, &assumptions);
     }
     found.device = args.device().map(|device| {
         let pace = (device.position_error_m > 0.0 && found.snap_free.holds)
-            .then(|| pace(&body, &assumptions, args.evaluations))
+            .then(|| pace(&body, &assumptions, evaluations))
             .flatten();
         device::limits(&body, device, found.lipschitz_n_per_m, pace)
     });
@@ -141,7 +136,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         files::make_folder(folder)?;
         for (holds, path) in [&mut found.passive, &mut found.snap_free].into_iter().zip(paths) {
             if let (Some(shown), Some(path)) = (&mut holds.witness, path) {
-                write_path(&path, args.output.as_ref().unwrap_or(&args.body), shown)?;
+                write_path(&path, args.output.as_ref().unwrap_or(&args.body), rule, shown)?;
                 shown.path = Some(path);
             }
         }
@@ -176,21 +171,14 @@ impl Args {
         none_or_positive("coulomb-n", self.coulomb_n.unwrap_or(0.0))
     }
 
-    /// What speaks of single elements or states needs their bounds.
-    fn check_rule(&self, covered: bool) -> anyhow::Result<()> {
-        let asked = [
-            ("--vtu", self.vtu.is_some()),
-            ("--witness", self.witness.is_some()),
-            ("--window", self.window),
-            ("--raise-friction", self.raise_friction),
-        ];
-        match asked.into_iter().find(|(_, given)| *given && !covered) {
-            Some((option, _)) => Err(anyhow::anyhow!(
-                "{}: {option} needs bounds, which there are for the slip rule paper only; add --slip paper",
-                self.body.display()
-            )),
-            None => Ok(()),
-        }
+    /// The floor is of one rule.
+    fn check_rule(&self, rule: SlipRule) -> anyhow::Result<()> {
+        anyhow::ensure!(
+            !self.raise_friction || rule == SlipRule::Paper,
+            "{}: --raise-friction is for the slip rule paper, whose passivity is friction's; add --slip paper",
+            self.body.display()
+        );
+        Ok(())
     }
 
     fn device(&self) -> Option<device::Device> {
@@ -236,12 +224,13 @@ fn pace(body: &Body, assumptions: &Assumptions, evaluations: u32) -> Option<f64>
     (least > f64::NEG_INFINITY).then_some(-least)
 }
 
-fn write_path(path: &Path, body: &Path, shown: &Shown) -> anyhow::Result<()> {
+fn write_path(path: &Path, body: &Path, rule: SlipRule, shown: &Shown) -> anyhow::Result<()> {
     files::replace(path, |out| {
         writeln!(
             out,
-            "# palpate trace {} --slip paper --path {} -o trace.csv",
+            "# palpate trace {} --slip {} --path {} -o trace.csv",
             body.display(),
+            rule.name(),
             path.display()
         )?;
         writeln!(out, "time_s,x_m,y_m,z_m")?;
@@ -378,14 +367,30 @@ fn text(c: &Certificate) -> String {
             .map(|s| vec![format!("{:.3}", s.depth_m * 1e3), format!("{:.1}", s.value)]),
     );
     out += &format!("\n{}", console::table(&rows));
-    if let Some(d) = &c.device {
-        out += &format!(
-            "\nthe device holds {:.1} N/m: the sampled loop is passive down to {:.3} mm{}, with {:.3} N anywhere\n",
-            d.stiffness_limit_n_per_m,
-            d.depth_limit_m * 1e3,
-            if d.whole_depth { " (all that the curves know)" } else { "" },
-            d.force_limit_n
-        );
+    match &c.device {
+        Some(device::Limits {
+            stiffness_limit_n_per_m: Some(stiffness),
+            depth_limit_m: Some(depth),
+            force_limit_n: Some(force),
+            whole_depth,
+            ..
+        }) => {
+            out += &format!(
+                "\nthe device holds {stiffness:.1} N/m: the sampled loop is passive down to {:.3} mm{}, with {force:.3} N \
+                 anywhere\n",
+                depth * 1e3,
+                if *whole_depth { " (all that the curves know)" } else { "" },
+            );
+        }
+        Some(d) => {
+            let what = if d.device.delay_samples > 0.0 && c.lipschitz_n_per_m.is_none() {
+                "its force comes late, which needs the Lipschitz constant"
+            } else {
+                "its position has an error, which needs S on the whole body"
+            };
+            out += &format!("\nwhat the device holds is not known: {what}\n");
+        }
+        None => {}
     }
     out
 }

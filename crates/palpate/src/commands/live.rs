@@ -109,6 +109,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 fn plan(args: &Args) -> Result<Plan> {
     let live = &args.live;
+    super::run::check(args)?;
     if !(args.rate_hz >= 10.0 && args.rate_hz <= 2e4) {
         bail!("--rate-hz {}: give a rate from 10 to 20,000 Hz", args.rate_hz);
     }

@@ -156,16 +156,22 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-fn setup(args: &Args, body: &Body) -> anyhow::Result<Setup> {
-    if !(args.rate_hz >= 10.0 && args.rate_hz <= 1e6) {
-        bail!("--rate-hz {}: give a rate from 10 to 1,000,000 Hz", args.rate_hz);
-    }
+/// What goes for both clocks.
+pub(super) fn check(args: &Args) -> anyhow::Result<()> {
     if args.seconds.is_some_and(|s| !(s > 0.0 && s <= 1e5)) {
         bail!("--seconds {}: give a time above 0, up to 100,000 s", args.seconds.unwrap_or_default());
     }
     if args.coupling_n_per_m.is_some_and(|k| !(k > 0.0 && k <= 1e7)) {
         bail!("--coupling-n-per-m: give a stiffness above 0, up to 10,000,000 N/m");
     }
+    Ok(())
+}
+
+fn setup(args: &Args, body: &Body) -> anyhow::Result<Setup> {
+    if !(args.rate_hz >= 10.0 && args.rate_hz <= 1e6) {
+        bail!("--rate-hz {}: give a rate from 10 to 1,000,000 Hz", args.rate_hz);
+    }
+    check(args)?;
     let intent = Intent::find(&args.intent, body)?;
     let preset = match args.device.first() {
         Some(DeviceName::Simulated(Some(preset))) => preset,

@@ -1,0 +1,213 @@
+//! Gradients along the surface that the drives of `consistent` and `exact` take off the lateral force (MODEL 4, E2 and
+//! E3): nodes' means, or the element's own; and how far the two differ.
+
+use super::curves::{Corners, Curves};
+use super::interval::{Box3, Interval, range};
+use glam::{DMat3, DVec2, DVec3};
+use palpate_body::{Body, Powers, SlipRule};
+
+/// The gradients of an element's three nodes, in the element's basis.
+#[derive(Debug, Clone)]
+pub(super) struct Slopes {
+    /// ∇W of normal and of lateral energies.
+    pub normal: Energies,
+    pub lateral: Energies,
+    /// ∇(u·b) as a matrix that takes b, 1/m: the nodes'.
+    turns: [DMat3; 3],
+    /// ∇A of the nodes along x, y and z, 1/m.
+    changes: Option<[[DMat3; 3]; 3]>,
+}
+
+/// The gradient of an energy, in each interval of its knots.
+#[derive(Debug, Clone)]
+pub(super) struct Energies {
+    /// (knots × 3 nodes)
+    nodes: Vec<[Powers; 3]>,
+    /// Σ W_j ∇n_j, (knots).
+    element: Vec<Powers>,
+}
+
+/// What [`Energies`] come to over a cell.
+#[derive(Clone, Copy)]
+pub(super) struct Read {
+    /// Σ n_l ∇W_l.
+    pub sum: Box3,
+    /// Σ n_l ∇W_l − Σ W_j ∇n_j, along the element.
+    pub miss: [Interval; 2],
+    /// ∇W_l.
+    pub nodes: [Box3; 3],
+}
+
+impl Slopes {
+    /// Of an element for a rule other than `paper`; `local` turns vectors into the element's basis, `axes` are that.
+    pub fn new(
+        body: &Body,
+        element: u32,
+        rule: SlipRule,
+        axes: [DVec3; 3],
+        gradients: [DVec2; 3],
+        [normal, lateral]: [&Curves; 2],
+    ) -> Self {
+        let own = |curves: &Curves| -> Vec<Powers> {
+            let of = |rows: &[[f64; 5]; 3]| -> Powers {
+                std::array::from_fn(|i| (0..3).map(|l| gradients[l].extend(0.0) * rows[l][i]).sum())
+            };
+            curves.integrals.iter().map(of).collect()
+        };
+        let [z, r] = [normal, lateral].map(own);
+        let turn = DMat3::from_cols(axes[0], axes[1], axes[2]);
+        let local = |v: DVec3| turn.transpose() * v;
+        let nodes = body.element_nodes(element);
+        if rule == SlipRule::Exact {
+            let same = |own: &[Powers]| own.iter().map(|p| [*p; 3]).collect();
+            let tilt = (0..3).map(|l| outer(gradients[l].extend(0.0), local(nodes[l].inward)));
+            let tilt = tilt.fold(DMat3::ZERO, |sum, m| sum + m);
+            let changes = (!body.is_isotropic()).then(|| {
+                let tensors =
+                    body.element_tensors(element).map(|a| turn.transpose() * super::patch::matrix(a) * turn);
+                let along = |of: fn(&DVec2) -> f64| -> DMat3 {
+                    (0..3).fold(DMat3::ZERO, |sum, l| sum + tensors[l] * of(&gradients[l]))
+                };
+                [[along(|g| g.x), along(|g| g.y), DMat3::ZERO]; 3]
+            });
+            return Slopes {
+                normal: Energies { nodes: same(&z), element: z },
+                lateral: Energies { nodes: same(&r), element: r },
+                turns: [tilt; 3],
+                changes,
+            };
+        }
+        let (derived, numbers) = (body.gradients(), body.element_node_numbers(element));
+        let of = |which: usize, element: Vec<Powers>| {
+            let rows = |interval: usize| {
+                [0, 1, 2].map(|l: usize| {
+                    let reference = nodes[l].test_points[0];
+                    derived.powers(numbers[l], reference, body.responses(), interval)[which].map(local)
+                })
+            };
+            Energies { nodes: (0..element.len()).map(rows).collect(), element }
+        };
+        Slopes {
+            normal: of(0, z),
+            lateral: of(1, r),
+            turns: numbers.map(|node| {
+                let columns = DVec3::AXES.map(|b| derived.turn(node, b.as_vec3a()).as_dvec3());
+                turn.transpose() * DMat3::from_cols(columns[0], columns[1], columns[2]) * turn
+            }),
+            changes: numbers
+                .map(|node| derived.tensor_changes(node))
+                .into_iter()
+                .collect::<Option<Vec<_>>>()
+                .map(|changes| {
+                    std::array::from_fn(|l| {
+                        let [x, y, z] =
+                            changes[l].map(|a| turn.transpose() * super::patch::matrix(&a) * turn);
+                        axes.map(|axis| x * axis.x + y * axis.y + z * axis.z)
+                    })
+                }),
+        }
+    }
+
+    /// The nodes' frame gradients, in a basis turned by the rotation `r` about z.
+    pub fn turns(&self, r: DMat3) -> [DMat3; 3] {
+        self.turns.map(|m| r.transpose() * m * r)
+    }
+
+    /// The same of the tensors' changes.
+    pub fn changes(&self, r: DMat3) -> Option<[[DMat3; 3]; 3]> {
+        self.changes.map(|nodes| {
+            nodes.map(|[x, y, z]| {
+                let [x, y, z] = [x, y, z].map(|m| r.transpose() * m * r);
+                let (cos, sin) = (r.x_axis.x, r.x_axis.y);
+                [x * cos + y * sin, y * cos - x * sin, z]
+            })
+        })
+    }
+}
+
+impl Energies {
+    /// Over a cell, divided by the force of `curves`; near 0 with the power in common taken out. `turn` are cosine and sine
+    /// of the basis that is asked for.
+    pub fn by_force(&self, curves: &Curves, corners: &Corners, span: [f64; 2], turn: [f64; 2]) -> Read {
+        self.over(curves, span, |i, s, e| {
+            let (force, taken) = curves.force(corners, i, s, e);
+            let of = |p: &Powers| -> Box3 {
+                let reduced = match taken {
+                    0 => *p,
+                    1 => [p[2], p[3], p[4], DVec3::ZERO, DVec3::ZERO],
+                    _ => [p[3], p[4], DVec3::ZERO, DVec3::ZERO, DVec3::ZERO],
+                };
+                let quotient = range3(&reduced, s, e).map(|x| x.per(force));
+                if taken == 0 { quotient } else { quotient.map(|x| x * Interval::new(s, e)) }
+            };
+            self.read(corners, i, turn, of)
+        })
+    }
+
+    /// Over a cell, J/m.
+    pub fn value(&self, curves: &Curves, corners: &Corners, span: [f64; 2], turn: [f64; 2]) -> Read {
+        self.over(curves, span, |i, s, e| self.read(corners, i, turn, |p| range3(p, s, e)))
+    }
+
+    /// How it changes with the deflection, N/m.
+    pub fn rate(&self, curves: &Curves, corners: &Corners, span: [f64; 2], turn: [f64; 2]) -> Read {
+        let slope = |p: &Powers| [p[1], p[2] * 2.0, p[3] * 3.0, p[4] * 4.0, DVec3::ZERO];
+        self.over(curves, span, |i, s, e| self.read(corners, i, turn, |p| range3(&slope(p), s, e)))
+    }
+
+    /// Σ g_l ∇W_l for a gradient of the area coordinates, N/m.
+    pub fn second(&self, curves: &Curves, g: [f64; 3], span: [f64; 2], turn: [f64; 2]) -> Box3 {
+        let each =
+            curves.pieces(span).map(|(i, s, e)| range3(&turned(&mixed3(g, &self.nodes[i]), turn), s, e));
+        each.reduce(join3).unwrap_or([Interval::ZERO; 3])
+    }
+
+    fn over(&self, curves: &Curves, span: [f64; 2], of: impl Fn(usize, f64, f64) -> Read) -> Read {
+        let each = curves.pieces(span).map(|(i, s, e)| of(i, s, e));
+        let none =
+            Read { sum: [Interval::ZERO; 3], miss: [Interval::ZERO; 2], nodes: [[Interval::ZERO; 3]; 3] };
+        each.reduce(Read::join).unwrap_or(none)
+    }
+
+    /// In one interval.
+    fn read(&self, corners: &Corners, i: usize, turn: [f64; 2], of: impl Fn(&Powers) -> Box3) -> Read {
+        let nodes = self.nodes[i].map(|p| turned(&p, turn));
+        let element = turned(&self.element[i], turn);
+        let mixes = corners.map(|n| mixed3(n, &nodes));
+        let miss = mixes.map(|m| of(&std::array::from_fn(|k| m[k] - element[k])));
+        let [x, y, _] = join3(join3(miss[0], miss[1]), miss[2]);
+        let sums = mixes.map(|m| of(&m));
+        Read { sum: join3(join3(sums[0], sums[1]), sums[2]), miss: [x, y], nodes: nodes.map(|p| of(&p)) }
+    }
+}
+
+impl Read {
+    fn join(self, o: Read) -> Read {
+        Read {
+            sum: join3(self.sum, o.sum),
+            miss: [self.miss[0].join(o.miss[0]), self.miss[1].join(o.miss[1])],
+            nodes: std::array::from_fn(|l| join3(self.nodes[l], o.nodes[l])),
+        }
+    }
+}
+
+/// a bᵀ.
+fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
+}
+
+fn turned(p: &Powers, [cos, sin]: [f64; 2]) -> Powers {
+    p.map(|v| DVec3::new(cos * v.x + sin * v.y, cos * v.y - sin * v.x, v.z))
+}
+
+fn mixed3(n: [f64; 3], nodes: &[Powers; 3]) -> Powers {
+    std::array::from_fn(|k| nodes[0][k] * n[0] + nodes[1][k] * n[1] + nodes[2][k] * n[2])
+}
+
+fn range3(p: &Powers, from: f64, to: f64) -> Box3 {
+    [0, 1, 2].map(|axis| range(p.map(|v| v[axis]), from, to))
+}
+
+pub(super) fn join3(a: Box3, b: Box3) -> Box3 {
+    std::array::from_fn(|i| a[i].join(b[i]))
+}
