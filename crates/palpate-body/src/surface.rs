@@ -20,8 +20,8 @@ pub const NO_TWIN: u32 = u32::MAX;
 /// The neighbour across this edge was left out of a [`Patch`](crate::Patch).
 pub(crate) const FENCE: u32 = u32::MAX - 1;
 
-/// Elements a surface may have: a half-edge (element × 3 + edge) must fit in 32 bits, and [`NO_TWIN`] and [`FENCE`] be
-/// free.
+/// Elements a surface may have: a half-edge (element × 3 + edge) must fit in 32 bits, and [`NO_TWIN`] and
+/// a patch's fence be free.
 pub const MAX_ELEMENTS: usize = (u32::MAX / 3) as usize - 1;
 
 /// Coordinates beyond this (m) are taken for a mistake in the unit.
