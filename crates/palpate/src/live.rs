@@ -99,6 +99,14 @@ pub struct Told {
     pub recording_trouble: Option<String>,
 }
 
+/// How a loop is going.
+#[derive(Serialize)]
+struct Live<'a> {
+    device: &'a str,
+    #[serde(flatten)]
+    summary: &'a Summary,
+}
+
 /// A simulated device in a hand that does as the intent says.
 ///
 /// # Errors
@@ -321,7 +329,8 @@ pub fn ablation_name(ablation: Ablation) -> &'static str {
 fn live(running: &Running, json: bool) -> Result<()> {
     let summary = running.scribe.summary();
     if json {
-        return console::text(&format!("{}\n", summary.line()));
+        let line = serde_json::to_string(&Live { device: &running.device, summary: &summary })?;
+        return console::text(&format!("{line}\n"));
     }
     let us = |ns: u64| ns as f64 * 1e-3;
     console::note(&format!(
