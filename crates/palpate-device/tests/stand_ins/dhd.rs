@@ -119,7 +119,7 @@ pub unsafe extern "C" fn dhdGetLinearVelocity(
 }
 
 #[unsafe(no_mangle)]
-#[allow(clippy::too_many_arguments)]
+#[allow(clippy::too_many_arguments, reason = "the vendor's signature")]
 pub extern "C" fn dhdSetForceAndTorqueAndGripperForce(
     fx: c_double,
     fy: c_double,

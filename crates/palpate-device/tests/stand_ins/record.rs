@@ -18,7 +18,7 @@ pub fn setting(name: &str, usual: f64) -> f64 {
 }
 
 /// Does as a slow device does.
-#[allow(dead_code)]
+#[allow(dead_code, reason = "each stand-in uses its own part")]
 pub fn dawdle(name: &str) {
     let seconds = setting(name, 0.0);
     if seconds > 0.0 {
