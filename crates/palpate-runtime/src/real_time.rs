@@ -17,7 +17,19 @@ pub struct RealTime {
 
 impl Default for RealTime {
     fn default() -> Self {
-        RealTime { priority: Some(80), own_core: true, spin_s: 60e-6 }
+        RealTime { priority: Some(80), own_core: true, spin_s: SPIN }
+    }
+}
+
+/// After a sleep caches and the machine's host take this long to settle, s.
+const SPIN: f64 = 200e-6;
+/// Of a period no more is spent awake.
+const SPIN_SHARE: f64 = 0.4;
+
+impl RealTime {
+    /// The usual, for this many periods a second.
+    pub fn at(rate_hz: f64) -> Self {
+        RealTime { spin_s: SPIN.min(SPIN_SHARE / rate_hz), ..RealTime::default() }
     }
 }
 

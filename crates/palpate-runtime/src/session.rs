@@ -48,7 +48,7 @@ impl Settings {
             rate_hz,
             seconds: None,
             patch_elements: crate::PATCH_ELEMENTS,
-            real_time: RealTime::default(),
+            real_time: RealTime::at(rate_hz),
             patience: Patience::default(),
             finder_pause_s: 300e-6,
         }

@@ -47,9 +47,10 @@ pub struct LiveArgs {
     /// Priority of the haptic thread (SCHED_FIFO), 1 to 98; 0 asks for nothing
     #[arg(long, value_name = "N", default_value_t = 80)]
     priority: u8,
-    /// How much of the way to each deadline is waited for awake, µs: less jitter, more of a core
-    #[arg(long, value_name = "US", default_value_t = 60.0)]
-    spin_us: f64,
+    /// How much of the way to each deadline is waited for awake, µs: less jitter, more of a core [default: 200, and at most two
+    /// fifths of a period]
+    #[arg(long, value_name = "US")]
+    spin_us: Option<f64>,
     /// How late a period may come before the loop ends, ms: up to then the last force is held
     #[arg(long, value_name = "MS", default_value_t = 100.0)]
     late_ms: f64,
@@ -130,8 +131,8 @@ fn plan(args: &Args) -> Result<Plan> {
     if live.priority > 98 {
         bail!("--priority {}: give one from 0 to 98", live.priority);
     }
-    if !(0.0..=1e5).contains(&live.spin_us) {
-        bail!("--spin-us {}: give a time from 0 to 100,000 µs", live.spin_us);
+    if let Some(spin) = live.spin_us.filter(|us| !(0.0..=1e5).contains(us)) {
+        bail!("--spin-us {spin}: give a time from 0 to 100,000 µs");
     }
     for (option, ms) in [("late", live.late_ms), ("stale", live.stale_ms)] {
         if !(1.0..=1e4).contains(&ms) {
@@ -140,7 +141,7 @@ fn plan(args: &Args) -> Result<Plan> {
     }
     let mut settings = Settings::new(args.rate_hz);
     (settings.patience.late_s, settings.patience.pose_s) = (live.late_ms * 1e-3, live.stale_ms * 1e-3);
-    settings.real_time.spin_s = live.spin_us * 1e-6;
+    settings.real_time.spin_s = live.spin_us.map_or(settings.real_time.spin_s, |us| us * 1e-6);
     settings.seconds = args.seconds;
     settings.patch_elements = live.patch_elements;
     settings.real_time.priority = (live.priority > 0).then_some(live.priority);
