@@ -454,16 +454,8 @@ fn within(wider: String, error: BodyError) -> BodyError {
 /// # Errors
 /// The operating system's limit on locked memory is too low.
 pub(crate) fn lock(bytes: &[u8]) -> io::Result<()> {
-    if bytes.is_empty() {
-        return Ok(());
-    }
-    // SAFETY: the range is that of a live slice, and locking changes neither its contents nor its validity: once the
-    // slice is freed, its pages may stay in RAM, no more.
     #[cfg(unix)]
-    #[allow(unsafe_code, reason = "locking memory is a call to the operating system")]
-    unsafe {
-        rustix::mm::mlock(bytes.as_ptr().cast_mut().cast(), bytes.len())?;
-    }
+    paged(bytes, rustix::mm::mlock)?;
     Ok(())
 }
 
@@ -472,14 +464,25 @@ pub(crate) fn lock(bytes: &[u8]) -> io::Result<()> {
 /// # Errors
 /// The system refuses.
 pub(crate) fn unlock(bytes: &[u8]) -> io::Result<()> {
+    #[cfg(unix)]
+    paged(bytes, rustix::mm::munlock)?;
+    Ok(())
+}
+
+/// Tells the system by `call`, which must be mlock or munlock, what to do with the pages of `bytes`.
+#[cfg(unix)]
+fn paged(
+    bytes: &[u8],
+    call: unsafe fn(*mut core::ffi::c_void, usize) -> rustix::io::Result<()>,
+) -> io::Result<()> {
     if bytes.is_empty() {
         return Ok(());
     }
-    // SAFETY: the range is that of a live slice, and unlocking changes neither its contents nor its validity.
-    #[cfg(unix)]
-    #[allow(unsafe_code, reason = "unlocking memory is a call to the operating system")]
+    // SAFETY: the range is that of a live slice, and neither call changes its contents or its validity: once a locked slice
+    // is freed, its pages may stay in RAM, no more.
+    #[allow(unsafe_code, reason = "what stays in memory is the operating system's")]
     unsafe {
-        rustix::mm::munlock(bytes.as_ptr().cast_mut().cast(), bytes.len())?;
+        call(bytes.as_ptr().cast_mut().cast(), bytes.len())?;
     }
     Ok(())
 }
