@@ -6,7 +6,8 @@ use crate::gradient::Gradients;
 use crate::response::{Response, Responses};
 use crate::search::{Search, point};
 use crate::surface::{
-    Element, FENCE, MAX_ELEMENTS, NO_TWIN, Surface, check_area, check_fans, check_normals, check_position,
+    Element, Elements, FENCE, MAX_ELEMENTS, NO_TWIN, Surface, check_area, check_fans, check_normals,
+    check_position,
 };
 use crate::tensor::{self, IDENTITY, Tensor};
 use glam::DVec3;
@@ -27,6 +28,12 @@ pub struct Node {
     /// Test points.
     pub test_points: [u32; 3],
     padding: u32,
+}
+
+impl Node {
+    pub(crate) fn new(position: DVec3, inward: DVec3, mix: &NodeMix) -> Self {
+        Node { position, inward, weights: mix.weights, test_points: mix.test_points, padding: 0 }
+    }
 }
 
 /// Whose responses a node mixes (MODEL 1: area interpolation between test points, the paper's Fig. 7).
@@ -93,6 +100,14 @@ impl Tool {
     /// A sphere; a pose gives its centre.
     pub fn sphere(radius_m: f64) -> Self {
         Tool { shape: "sphere".into(), radius_m }
+    }
+
+    pub(crate) fn check(&self) -> Result<()> {
+        if (0.0..=1.0).contains(&self.radius_m) {
+            return Ok(());
+        }
+        let problem = format!("its radius is {} m", self.radius_m);
+        Err(BodyError::invalid("tool", problem, "give a radius between 0 and 1 m"))
     }
 }
 
@@ -201,69 +216,33 @@ impl Body {
             slip,
             provenance,
         } = parts;
-        check_surface(&surface)?;
-        let bad = |place: String, problem: String, mend: &str| Err(BodyError::invalid(place, problem, mend));
+        let elements = surface.elements.as_slice();
+        check_surface(&surface.positions, &surface.inward, &surface.vertices, elements)?;
         if mixes.len() != surface.positions.len() {
-            return bad(
-                "nodes".into(),
+            return Err(BodyError::invalid(
+                "nodes",
                 format!("{} mixes for {} nodes", mixes.len(), surface.positions.len()),
                 "give one for each",
-            );
+            ));
         }
-        let fades = border_nodes(&surface);
-        for (n, mix) in mixes.iter().enumerate() {
-            if mix.test_points.iter().any(|&t| t as usize >= responses.len()) {
-                return bad(
-                    format!("node {n}"),
-                    "it names a test point that does not exist".into(),
-                    "make the body again",
-                );
-            }
-            let sum: f64 = mix.weights.iter().sum();
-            let least = if fades[n] { 0.0 } else { 1.0 - 1e-9 };
-            if !(mix.weights.iter().all(|&w| w >= 0.0) && sum >= least && sum <= 1.0 + 1e-9) {
-                return bad(
-                    format!("node {n}"),
-                    format!("its weights {:?} are negative or do not sum to 1", mix.weights),
-                    "make the body again",
-                );
-            }
+        let fades = border_nodes(surface.positions.len(), elements);
+        for (n, (mix, &fades)) in mixes.iter().zip(&fades).enumerate() {
+            check_mix(n, mix, responses.len(), fades)?;
         }
-        if test_point_nodes.len() != responses.len()
-            || test_point_nodes.iter().any(|&n| n as usize >= mixes.len())
-        {
-            return bad(
-                "test points".into(),
-                "they do not match the responses and nodes".into(),
-                "make the body again",
-            );
-        }
+        check_test_points(&test_point_nodes, responses.len(), mixes.len())?;
+        tool.check()?;
         let lateral_tensors = checked_tensors(lateral_tensors, &surface.inward)?;
-        if !(tool.radius_m >= 0.0 && tool.radius_m <= 1.0) {
-            return bad(
-                "tool".into(),
-                format!("its radius is {} m", tool.radius_m),
-                "give a radius between 0 and 1 m",
-            );
-        }
         let table = Responses::new(&responses)?;
         let nodes = surface.positions.iter().zip(&surface.inward).zip(&mixes);
-        let nodes = nodes.map(|((&position, &inward), mix)| Node {
-            position,
-            inward,
-            weights: mix.weights,
-            test_points: mix.test_points,
-            padding: 0,
-        });
+        let nodes = nodes.map(|((&position, &inward), mix)| Node::new(position, inward, mix));
         let nodes: Vec<Node> = nodes.collect();
-        let triangles: Vec<[u32; 3]> = surface.elements.iter().map(|e| e.nodes).collect();
-        let search = Search::build(&surface.positions, &triangles);
+        let search = Search::build(&surface.positions, elements.len(), |e| elements[e].nodes);
         let body = Body {
             nodes,
             elements: surface.elements,
             search,
             responses: table,
-            creased: surface.vertices.iter().enumerate().any(|(n, &v)| n != v as usize),
+            creased: creased(&surface.vertices),
             vertices: surface.vertices,
             curves: responses,
             test_point_nodes,
@@ -297,19 +276,24 @@ impl Body {
     }
 
     /// Knots, tool and slip rule alone: what a [`Patch`](crate::Patch) fills.
-    pub(crate) fn without_surface(&self) -> Body {
+    pub(crate) fn to_outline(&self) -> Body {
+        Body::without_surface(self.responses.without_points(), self.creased, self.tool.clone(), self.slip)
+    }
+
+    /// With the knots of `responses`, and nothing to touch.
+    pub(crate) fn without_surface(responses: Responses, creased: bool, tool: Tool, slip: SlipRule) -> Body {
         Body {
             nodes: Vec::new(),
             elements: Vec::new(),
             search: Search::default(),
-            responses: self.responses.without_points(),
+            responses,
             vertices: Vec::new(),
-            creased: self.creased,
+            creased,
             curves: Vec::new(),
             test_point_nodes: Vec::new(),
             lateral_tensors: Vec::new(),
-            tool: self.tool.clone(),
-            slip: self.slip,
+            tool,
+            slip,
             provenance: Provenance::default(),
             gradients: Derived::default(),
         }
@@ -584,11 +568,21 @@ pub const MAX_FAN: usize = 256;
 const NO_NODE: Node =
     Node { position: DVec3::ZERO, inward: DVec3::Z, weights: [0.0; 3], test_points: [0; 3], padding: 0 };
 
+/// Whether creases doubled any node: nodes are vertices without them.
+pub(crate) fn creased(vertices: &[u32]) -> bool {
+    vertices.iter().enumerate().any(|(n, &v)| n != v as usize)
+}
+
 /// What [`Surface::build`] promises, checked again for surfaces that come from a file.
-fn check_surface(surface: &Surface) -> Result<()> {
-    let Surface { positions, inward, elements, vertices, .. } = surface;
+pub(crate) fn check_surface(
+    positions: &[DVec3],
+    inward: &[DVec3],
+    vertices: &[u32],
+    elements: impl Elements,
+) -> Result<()> {
     let bad = |place: String, problem: &str| Err(BodyError::invalid(place, problem, "make the body again"));
-    if elements.is_empty() || elements.len() > MAX_ELEMENTS || vertices.len() != positions.len() {
+    let count = elements.count();
+    if count == 0 || count > MAX_ELEMENTS || vertices.len() != positions.len() {
         return bad("surface".into(), "it has no elements, too many, or nodes without a vertex");
     }
     if let Some(n) = vertices.iter().position(|&v| v as usize >= positions.len()) {
@@ -597,22 +591,23 @@ fn check_surface(surface: &Surface) -> Result<()> {
     for (n, p) in positions.iter().enumerate() {
         check_position(&format!("node {n}"), *p)?;
     }
-    for (t, element) in elements.iter().enumerate() {
+    for (t, element) in elements.all().enumerate() {
         if element.nodes.iter().any(|&n| n as usize >= positions.len()) {
             return bad(format!("element {t}"), "it names a node that does not exist");
         }
         check_area(t, element.nodes.map(|n| positions[n as usize]))?;
     }
-    for (t, element) in elements.iter().enumerate() {
+    for (t, element) in elements.all().enumerate() {
         for i in 0..3 {
             let twin = element.twins[i];
             if twin == NO_TWIN {
                 continue;
             }
             let (other, j) = (twin as usize / 3, twin as usize % 3);
-            let Some(neighbour) = elements.get(other) else {
+            if other >= count {
                 return bad(format!("element {t}"), "it names a neighbour that does not exist");
-            };
+            }
+            let neighbour = elements.element(other);
             let here = |k: usize| positions[element.nodes[(i + k) % 3] as usize];
             let there = |k: usize| positions[neighbour.nodes[(j + k) % 3] as usize];
             if neighbour.twins[j] as usize != 3 * t + i
@@ -625,7 +620,7 @@ fn check_surface(surface: &Surface) -> Result<()> {
         }
     }
     // By vertices: at a crease several nodes share a fan.
-    check_fans(positions, elements.iter().map(|e| e.nodes.map(|n| vertices[n as usize])))?;
+    check_fans(positions, elements.all().map(|e| e.nodes.map(|n| vertices[n as usize])))?;
     check_normals(inward, positions, elements)
 }
 
@@ -647,11 +642,34 @@ fn checked_tensors(tensors: Option<Vec<Tensor>>, inward: &[DVec3]) -> Result<Vec
     Ok(tensors)
 }
 
+/// What node `n` promises of its mix of so many test points; less than all of them only where it `fades` at a border.
+pub(crate) fn check_mix(n: usize, mix: &NodeMix, test_points: usize, fades: bool) -> Result<()> {
+    let bad = |problem: String| Err(BodyError::invalid(format!("node {n}"), problem, "make the body again"));
+    if mix.test_points.iter().any(|&t| t as usize >= test_points) {
+        return bad("it names a test point that does not exist".into());
+    }
+    let sum: f64 = mix.weights.iter().sum();
+    let least = if fades { 0.0 } else { 1.0 - 1e-9 };
+    if !(mix.weights.iter().all(|&w| w >= 0.0) && sum >= least && sum <= 1.0 + 1e-9) {
+        return bad(format!("its weights {:?} are negative or do not sum to 1", mix.weights));
+    }
+    Ok(())
+}
+
+/// Each test point sits on a node.
+pub(crate) fn check_test_points(at: &[u32], test_points: usize, nodes: usize) -> Result<()> {
+    if at.len() == test_points && at.iter().all(|&n| (n as usize) < nodes) {
+        return Ok(());
+    }
+    let problem = "they do not match the responses and nodes";
+    Err(BodyError::invalid("test points", problem, "make the body again"))
+}
+
 /// Whether each node lies on a border.
-pub(crate) fn border_nodes(surface: &Surface) -> Vec<bool> {
-    let mut border = vec![false; surface.positions.len()];
-    for (e, i) in surface.border() {
-        let nodes = surface.elements[e].nodes;
+pub(crate) fn border_nodes(nodes: usize, elements: impl Elements) -> Vec<bool> {
+    let mut border = vec![false; nodes];
+    for (e, i) in elements.border() {
+        let nodes = elements.element(e).nodes;
         border[nodes[i] as usize] = true;
         border[nodes[(i + 1) % 3] as usize] = true;
     }

@@ -84,6 +84,49 @@ fn layout(s: &Sizes) -> Vec<(&'static str, Dtype, Vec<usize>)> {
     lateral_tensors.into_iter().chain(all).collect()
 }
 
+/// A tensor of curves.
+pub(crate) struct CurveKind {
+    pub tensor: &'static str,
+    over_depth: bool,
+    extension: Extension,
+}
+
+/// A response's curves, in the order normal, lateral, friction.
+pub(crate) const CURVES: [CurveKind; 3] = [
+    CurveKind { tensor: "normal_curves_n", over_depth: true, extension: Extension::Linear },
+    CurveKind { tensor: "lateral_curves_n", over_depth: false, extension: Extension::Linear },
+    CurveKind { tensor: "friction_curves", over_depth: true, extension: Extension::Constant },
+];
+
+/// The knots of all curves, m.
+#[derive(Debug)]
+pub(crate) struct SharedKnots {
+    pub depth: Vec<f64>,
+    pub lateral: Vec<f64>,
+}
+
+impl SharedKnots {
+    fn of(&self, kind: &CurveKind) -> &[f64] {
+        if kind.over_depth { &self.depth } else { &self.lateral }
+    }
+
+    /// How many intervals a kind's curves have.
+    pub fn intervals(&self, kind: &CurveKind) -> usize {
+        self.of(kind).len() - 1
+    }
+
+    /// The response of test point `t` from row `row` of the [`CURVES`]' ordinates.
+    pub fn response(&self, t: usize, row: usize, ordinates: [&[[f64; 4]]; 3]) -> Result<Response> {
+        let curve = |i: usize| {
+            let (kind, count): (&CurveKind, usize) = (&CURVES[i], self.intervals(&CURVES[i]));
+            let ordinates = ordinates[i].get(row * count..(row + 1) * count).unwrap_or(&[]);
+            Curve::from_ordinates(self.of(kind), ordinates, kind.extension)
+                .map_err(|e| within(format!("{}, test point {t}", tensor(kind.tensor)), e))
+        };
+        Ok(Response { normal: curve(0)?, lateral: curve(1)?, friction: curve(2)? })
+    }
+}
+
 /// What stands before the tensors, sorted, so that the same body has the same bytes.
 #[derive(Serialize)]
 struct Header {
@@ -143,19 +186,7 @@ impl Body {
     /// # Errors
     /// The file can't be read, is no body file, is damaged, or was made by a newer version.
     pub fn open(path: &Path) -> Result<Self> {
-        let io = |e| BodyError::io(path, e);
-        if !std::fs::metadata(path).map_err(io)?.is_file() {
-            return Err(
-                BodyError::invalid("path", "it is no ordinary file", "name a body file").in_file(path)
-            );
-        }
-        let file = std::fs::File::open(path).map_err(io)?;
-        // SAFETY: the map is private to this function and only read. A process that rewrites the file in place could
-        // change bytes under it: they are plain numbers, valid whatever their bits, and checked after they were
-        // copied. One that cuts the file short ends this process with a bus error, as with any map. `save` does
-        // neither: it replaces the file.
-        #[allow(unsafe_code, reason = "a map spares the copy of a file that may have gigabytes")]
-        let bytes = unsafe { memmap2::Mmap::map(&file) }.map_err(io)?;
+        let (_, bytes) = mapped(path)?;
         Self::from_bytes(&bytes).map_err(|e| e.in_file(path))
     }
 
@@ -165,12 +196,11 @@ impl Body {
     /// As [`Body::open`]; the place names the tensor or metadata key.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
         let file = File::parse(bytes)?;
-        let [normal, friction, lateral] = [
-            file.curves("normal_curves_n", "depth_knots_m", Extension::Linear)?,
-            file.curves("friction_curves", "depth_knots_m", Extension::Constant)?,
-            file.curves("lateral_curves_n", "lateral_knots_m", Extension::Linear)?,
-        ];
-        let responses = normal.into_iter().zip(lateral).zip(friction);
+        let test_point_nodes: Vec<u32> = pod_collect_to_vec(file.bytes("test_point_nodes"));
+        let knots = file.knots()?;
+        let curves = CURVES.map(|kind| pod_collect_to_vec::<u8, [f64; 4]>(file.bytes(kind.tensor)));
+        let curves = curves.each_ref().map(Vec::as_slice);
+        let responses = (0..test_point_nodes.len()).map(|t| knots.response(t, t, curves));
         let elements = file.rows("triangles").zip(file.rows("twins"));
         let mixes = file.rows("node_test_points").zip(file.rows("node_weights"));
         Body::new(BodyParts {
@@ -182,10 +212,8 @@ impl Body {
                 vertices: pod_collect_to_vec(file.bytes("vertices")),
             },
             mixes: mixes.map(|(test_points, weights)| NodeMix { test_points, weights }).collect(),
-            responses: responses
-                .map(|((normal, lateral), friction)| Response { normal, lateral, friction })
-                .collect(),
-            test_point_nodes: pod_collect_to_vec(file.bytes("test_point_nodes")),
+            responses: responses.collect::<Result<_>>()?,
+            test_point_nodes,
             lateral_tensors: Some(pod_collect_to_vec(file.bytes("lateral_tensors"))),
             tool: file.json("tool", serde_json::from_str)?,
             slip: file.slip()?,
@@ -289,15 +317,32 @@ impl Body {
     }
 }
 
+/// The file at `path`, and its bytes as they lie on the disk.
+pub(crate) fn mapped(path: &Path) -> Result<(std::fs::File, memmap2::Mmap)> {
+    let io = |e| BodyError::io(path, e);
+    if !std::fs::metadata(path).map_err(io)?.is_file() {
+        return Err(BodyError::invalid("path", "it is no ordinary file", "name a body file").in_file(path));
+    }
+    let file = std::fs::File::open(path).map_err(io)?;
+    // SAFETY: the map is private to this crate, which only reads it, and lets go of it once it has checked or copied what is
+    // there. A process that rewrites the file in place could change bytes under it: they are plain numbers, valid whatever
+    // their bits. One that cuts the file short ends this process with a bus error, as with any map. `save` does neither: it
+    // replaces the file.
+    #[allow(unsafe_code, reason = "a map spares the copy of a file that may have gigabytes")]
+    let bytes = unsafe { memmap2::Mmap::map(&file) }.map_err(io)?;
+    Ok((file, bytes))
+}
+
 /// A parsed header, whose tensors have the dtypes and shapes of [`layout`] and lie within the data.
-struct File<'a> {
+pub(crate) struct File<'a> {
     header: Metadata,
     data: &'a [u8],
     version: u32,
+    header_length: usize,
 }
 
 impl<'a> File<'a> {
-    fn parse(bytes: &'a [u8]) -> Result<Self> {
+    pub fn parse(bytes: &'a [u8]) -> Result<Self> {
         let broken =
             |problem: String| BodyError::invalid("header", problem, "this is no body file, or a damaged one");
         let (length, rest) =
@@ -309,7 +354,7 @@ impl<'a> File<'a> {
         let (header, data) = rest.split_at(length as usize);
         // Parsing also checks that tensors follow each other without gaps and that each has its shape's length.
         let header: Metadata = serde_json::from_slice(header).map_err(|e| broken(e.to_string()))?;
-        let mut file = File { header, data, version: 0 };
+        let mut file = File { header, data, version: 0, header_length: length as usize };
 
         // Whose file it is comes first: the rest means something only then.
         let schema = file.metadata("schema")?;
@@ -391,7 +436,7 @@ impl<'a> File<'a> {
         })
     }
 
-    fn json<'t, T: DeserializeOwned>(
+    pub fn json<'t, T: DeserializeOwned>(
         &'t self,
         key: &str,
         read: impl Fn(&'t str) -> serde_json::Result<T>,
@@ -402,7 +447,7 @@ impl<'a> File<'a> {
     }
 
     /// Rules other than the paper's came with version 3: a program of an older one would refuse the file, or slip otherwise.
-    fn slip(&self) -> Result<SlipRule> {
+    pub fn slip(&self) -> Result<SlipRule> {
         let rule = self.json("slip", |text| serde_json::from_value::<SlipRule>(text.into()))?;
         if rule != SlipRule::Paper && self.version < 3 {
             let problem =
@@ -414,7 +459,7 @@ impl<'a> File<'a> {
     }
 
     /// The bytes of a tensor of [`layout`], at any alignment.
-    fn bytes(&self, name: &str) -> &'a [u8] {
+    pub fn bytes(&self, name: &str) -> &'a [u8] {
         let (start, end) = self.header.info(name).map_or((0, 0), |t| t.data_offsets);
         self.data.get(start..end).unwrap_or(&[])
     }
@@ -423,15 +468,20 @@ impl<'a> File<'a> {
         self.bytes(name).chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned)
     }
 
-    fn curves(&self, name: &str, knots_name: &str, extension: Extension) -> Result<Vec<Curve>> {
-        let knots: Vec<f64> = pod_collect_to_vec(self.bytes(knots_name));
-        check_knots(&knots).map_err(|e| within(tensor(knots_name), e))?;
-        let ordinates: Vec<[f64; 4]> = pod_collect_to_vec(self.bytes(name));
-        let curve = |(t, ordinates)| {
-            Curve::from_ordinates(&knots, ordinates, extension)
-                .map_err(|e| within(format!("{}, test point {t}", tensor(name)), e))
+    /// What all curves share.
+    pub fn knots(&self) -> Result<SharedKnots> {
+        let knots = |name| {
+            let knots: Vec<f64> = pod_collect_to_vec(self.bytes(name));
+            check_knots(&knots).map_err(|e| within(tensor(name), e))?;
+            Ok(knots)
         };
-        ordinates.chunks_exact(knots.len() - 1).enumerate().map(curve).collect()
+        Ok(SharedKnots { depth: knots("depth_knots_m")?, lateral: knots("lateral_knots_m")? })
+    }
+
+    /// Where the data begin in the file, and a tensor in them, bytes.
+    pub fn place(&self, name: &str) -> u64 {
+        let start = self.header.info(name).map_or(0, |t| t.data_offsets.0);
+        (LENGTH + self.header_length + start) as u64
     }
 }
 

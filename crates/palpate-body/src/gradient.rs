@@ -14,7 +14,7 @@
 //! All in single precision, four numbers at a time: it moves a gradient by some 10⁻⁷ of itself.
 
 use crate::body::Node;
-use crate::curve::Curve;
+use crate::curve::{Curve, MAX_KNOTS};
 use crate::response::{Known, POWERS, Response, Responses, Strain};
 use crate::surface::Element;
 use crate::tensor::Tensor;
@@ -351,37 +351,48 @@ fn value([a, b, c, d, e]: &Row, [p, q, r, s, t]: &[f32; POWERS]) -> Vec4 {
 /// The greatest |Σ g (f_t − f_ref)| over the node's own f, of normal and lateral curves alike: by their Bernstein ordinates,
 /// which bound the curves, and the slope past the end. What holds of the forces holds of their integrals.
 fn steepest(terms: &[(u32, DVec3)], node: &Node, curves: &[Response]) -> f64 {
+    // A test point that answers nothing.
+    static ZEROS: [[f64; 4]; MAX_KNOTS] = [[0.0; 4]; MAX_KNOTS];
     if terms.is_empty() {
         return 0.0;
     }
-    let of = |t: u32, curve: fn(&Response) -> &Curve| curves.get(t as usize).map(curve);
     let curve_kinds: [fn(&Response) -> &Curve; 2] = [|r| &r.normal, |r| &r.lateral];
     let mut most = 0.0f64;
     for kind in curve_kinds {
-        let intervals = curves.first().map_or(0, |r| kind(r).ordinates().len());
-        for interval in 0..intervals {
-            let last = interval + 1 == intervals;
-            let ordinates = |t: u32| {
-                let [a, b, c, d] = of(t, kind).map_or([0.0; 4], |curve| curve.ordinates()[interval]);
-                [a, b, c, d, if last { d - c } else { 0.0 }]
-            };
-            let reference = ordinates(node.test_points[0]);
-            let (mut own, mut sum) = ([0.0; 5], [DVec3::ZERO; 5]);
-            for (t, w) in node.test_points.into_iter().zip(node.weights) {
-                own.iter_mut().zip(ordinates(t)).for_each(|(own, b)| *own += w * b);
+        let of = |t: u32| curves.get(t as usize).map_or(&ZEROS[..], |r| kind(r).ordinates());
+        let reference = of(node.test_points[0]);
+        let own = node.test_points.map(of);
+        let intervals = reference.len().min(own[1].len()).min(own[2].len());
+        let mut squares = |row: &dyn Fn(&[[f64; 4]]) -> [f64; 4]| {
+            let base = row(reference);
+            let mut force = [0.0; 4];
+            for (ordinates, w) in own.into_iter().zip(node.weights) {
+                force.iter_mut().zip(row(ordinates)).for_each(|(force, b)| *force += w * b);
             }
+            let mut sums = [[0.0; 4]; 3];
             for (t, g) in terms {
-                let differences = ordinates(*t).into_iter().zip(reference);
-                sum.iter_mut().zip(differences).for_each(|(sum, (b, r))| *sum += *g * (b - r));
-            }
-            for (own, sum) in own.into_iter().zip(sum.map(DVec3::length)) {
-                if sum > 0.0 {
-                    most = most.max(if own > 0.0 { sum / own } else { f64::INFINITY });
+                let b = row(of(*t));
+                for (sums, g) in sums.iter_mut().zip(g.to_array()) {
+                    (0..4).for_each(|k| sums[k] += g * (b[k] - base[k]));
                 }
             }
+            for k in 0..4 {
+                let [x, y, z] = sums.map(|s| s[k]);
+                let (slope, force) = (x * x + y * y + z * z, force[k] * force[k]);
+                if slope > most * force {
+                    most = slope / force;
+                }
+            }
+        };
+        for i in 0..intervals {
+            squares(&|ordinates| ordinates[i]);
         }
+        squares(&|ordinates| {
+            let [.., c, d] = ordinates[intervals - 1];
+            [d - c, 0.0, 0.0, 0.0]
+        });
     }
-    most
+    most.sqrt()
 }
 
 /// Σ g (row − row of the reference), in each interval.

@@ -42,6 +42,8 @@ pub mod repair;
 pub mod response;
 pub mod search;
 pub mod shape;
+pub mod source;
+pub mod stored;
 pub mod surface;
 pub mod tensor;
 
@@ -52,5 +54,7 @@ pub use gradient::{Gradients, Most, Powers};
 pub use patch::Patch;
 pub use response::{Known, Response, Responses, Rows, Sample, Strain};
 pub use search::{MeshSearch, Nearest, SurfacePoint, Touch};
+pub use source::{BodySource, Extent};
+pub use stored::StoredBody;
 pub use surface::{Element, NO_TWIN, Surface, TriangleMesh};
 pub use tensor::Tensor;

@@ -7,6 +7,7 @@
 //! [`step`]: https://docs.rs/palpate-engine
 
 use crate::body::Body;
+use crate::search::Search;
 use crate::surface::{Element, FENCE, NO_TWIN};
 use glam::DVec3;
 use std::cmp::Reverse;
@@ -34,8 +35,15 @@ pub(crate) type Queue = BinaryHeap<Reverse<(u64, u32, u32)>>;
 impl Patch {
     /// Of `body`, around `centre`.
     pub fn new(body: &Body, centre: [f64; 3], count: usize) -> Self {
-        let mut patch = Patch {
-            body: body.without_surface(),
+        let mut patch = Patch::empty(body.to_outline());
+        patch.take(body, centre, count);
+        patch
+    }
+
+    /// To be filled from a body of this outline.
+    pub(crate) fn empty(outline: Body) -> Self {
+        Patch {
+            body: outline,
             elements: Vec::new(),
             nodes: Vec::new(),
             test_points: Vec::new(),
@@ -43,9 +51,12 @@ impl Patch {
             radius_m: 0.0,
             groups: Vec::new(),
             queue: Queue::new(),
-        };
-        patch.take(body, centre, count);
-        patch
+        }
+    }
+
+    /// The elements' numbers in what they are copied from.
+    pub(crate) fn numbers_mut(&mut self) -> &mut Vec<u32> {
+        &mut self.elements
     }
 
     /// Takes the `count` elements nearest to `centre` (m), up to seven more; all there are if there are fewer. The same
@@ -53,13 +64,24 @@ impl Patch {
     ///
     /// `body` must be the one the patch was made of.
     pub fn take(&mut self, body: &Body, centre: [f64; 3], count: usize) {
-        self.centre = DVec3::from_array(centre);
-        let Patch { elements, nodes, test_points, groups, queue, .. } = self;
-        self.radius_m = body.search.nearest_groups(self.centre, count, groups, queue);
+        self.choose(&body.search, centre, count);
+        self.copy(body);
+    }
 
+    /// Chooses the elements to take by the whole body's tree, and copies of that what concerns them.
+    pub(crate) fn choose(&mut self, search: &Search, centre: [f64; 3], count: usize) {
+        self.centre = DVec3::from_array(centre);
+        let Patch { elements, groups, queue, .. } = self;
+        self.radius_m = search.nearest_groups(self.centre, count, groups, queue);
         elements.clear();
-        elements.extend(groups.iter().flat_map(|&g| body.search.group(g)));
+        elements.extend(groups.iter().flat_map(|&g| search.group(g)));
         elements.sort_unstable();
+        self.body.search.copy(search, groups, |e| place(elements, e));
+    }
+
+    /// Copies the chosen elements of `body`, the whole one, and what they need.
+    pub(crate) fn copy(&mut self, body: &Body) {
+        let Patch { elements, nodes, test_points, .. } = self;
         let whole = |e: &u32| &body.elements[*e as usize];
         sorted_into(nodes, elements.iter().flat_map(|e| whole(e).nodes));
         let mixed = nodes.iter().flat_map(|&n| body.nodes[n as usize].test_points);
@@ -88,7 +110,6 @@ impl Patch {
             to.lateral_tensors.extend(nodes.iter().map(|&n| body.lateral_tensors[n as usize]));
         }
         to.responses.copy(&body.responses, test_points);
-        to.search.copy(&body.search, groups, |e| place(elements, e));
         if let Some(from) = gradients {
             let mut copy = to.take_gradients();
             copy.copy(from, nodes, &body.responses, |t| place(test_points, t));
@@ -153,7 +174,7 @@ impl Patch {
 }
 
 /// Fills `list` with the values, each once, ascending.
-fn sorted_into(list: &mut Vec<u32>, values: impl Iterator<Item = u32>) {
+pub(crate) fn sorted_into(list: &mut Vec<u32>, values: impl Iterator<Item = u32>) {
     list.clear();
     list.extend(values);
     list.sort_unstable();
@@ -161,6 +182,6 @@ fn sorted_into(list: &mut Vec<u32>, values: impl Iterator<Item = u32>) {
 }
 
 /// Where `value` is in a sorted list that holds it; what no list holds stays itself.
-fn place(list: &[u32], value: u32) -> u32 {
+pub(crate) fn place(list: &[u32], value: u32) -> u32 {
     list.binary_search(&value).map_or(value, |at| at as u32)
 }

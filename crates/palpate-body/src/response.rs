@@ -147,8 +147,7 @@ impl Responses {
         let mut depth_rows = Vec::with_capacity(responses.len() * depth.knots.len());
         let mut lateral_rows = Vec::with_capacity(responses.len() * lateral.knots.len());
         for (t, r) in responses.iter().enumerate() {
-            r.check(depth.values(), lateral.values())
-                .map_err(|(problem, mend)| BodyError::invalid(format!("test point {t}"), problem, mend))?;
+            r.check_at(t, depth.values(), lateral.values())?;
             let friction = r.friction.pieces();
             depth_rows.extend(r.normal.pieces().iter().zip(friction).map(|(n, f)| {
                 let ([a, b, c, d], [e, f, g, h]) = (n.coefficients, f.coefficients);
@@ -400,6 +399,12 @@ impl Response {
                 Extension::Constant,
             )?,
         })
+    }
+
+    /// What test point `t` promises of its response on these knots.
+    pub(crate) fn check_at(&self, t: usize, depth: &[f64], lateral: &[f64]) -> Result<()> {
+        self.check(depth, lateral)
+            .map_err(|(problem, mend)| BodyError::invalid(format!("test point {t}"), problem, mend))
     }
 
     fn check(&self, depth: &[f64], lateral: &[f64]) -> std::result::Result<(), (String, &'static str)> {

@@ -128,26 +128,25 @@ pub struct Touch {
 }
 
 impl Search {
-    pub fn build(positions: &[DVec3], triangles: &[[u32; 3]]) -> Self {
+    /// Over `count` elements whose nodes are `nodes(element)`.
+    pub fn build(positions: &[DVec3], count: usize, nodes: impl Fn(usize) -> [u32; 3]) -> Self {
         let mut bounds = Box3::EMPTY;
         for p in positions {
             bounds.include(*p);
         }
         let low = bounds.low.map(f64::from);
         let size = (0..3).map(|i| bounds.high[i] as f64 - low[i]).fold(1e-9, f64::max);
-        let key = |t: &[u32; 3]| {
-            let centre: DVec3 = t.iter().map(|&n| positions[n as usize]).sum::<DVec3>() / 3.0;
+        let key = |element: u32| {
+            let corners = nodes(element as usize).map(|n| positions[n as usize]);
+            let centre: DVec3 = corners.into_iter().sum::<DVec3>() / 3.0;
             let cell = |i: usize| ((centre[i] - low[i]) / size * ((1u64 << 20) - 1) as f64) as u32;
             hilbert([cell(0), cell(1), cell(2)])
         };
-        let mut keyed: Vec<(u64, u32)> =
-            triangles.iter().enumerate().map(|(i, t)| (key(t), i as u32)).collect();
-        keyed.sort_unstable();
-        let order: Vec<u32> = keyed.into_iter().map(|(_, t)| t).collect();
+        let order = sorted_by_key(count as u32, key);
 
         let leaves = order.chunks(FANOUT).map(|group| {
             let mut b = Box3::EMPTY;
-            for &n in group.iter().flat_map(|&t| &triangles[t as usize]) {
+            for n in group.iter().flat_map(|&e| nodes(e as usize)) {
                 b.include(positions[n as usize]);
             }
             b
@@ -175,6 +174,11 @@ impl Search {
             top += 1;
         }
         self.levels.truncate(top + 1);
+    }
+
+    /// How many elements it is over.
+    pub fn count(&self) -> usize {
+        self.order.len()
     }
 
     /// The elements of a group of the lowest level.
@@ -271,6 +275,75 @@ impl Search {
             }
         }
     }
+
+    /// [`Body::nearest`] among elements with these corners: where, and how far.
+    #[inline]
+    pub fn nearest(
+        &self,
+        p: DVec3,
+        max_distance: f64,
+        corners: impl Fn(u32) -> [DVec3; 3],
+    ) -> Option<(SurfacePoint, f64)> {
+        let mut best: Option<(SurfacePoint, f64)> = None;
+        let bound = max_distance * max_distance;
+        self.walk(
+            bound,
+            |b| b.distance_squared(p),
+            |element, bound| {
+                let corners = corners(element);
+                let n = nearest_on_triangle(p, corners);
+                let d = (point(corners, n) - p).length_squared();
+                if d < bound || (best.is_none() && d <= bound) {
+                    best = Some((SurfacePoint { element, n }, d));
+                    return d;
+                }
+                bound
+            },
+        );
+        best.map(|(at, d)| (at, d.sqrt()))
+    }
+
+    /// [`Body::first_touch`] of elements with these corners.
+    #[inline]
+    pub fn first_touch(
+        &self,
+        from: DVec3,
+        to: DVec3,
+        radius: f64,
+        corners: impl Fn(u32) -> [DVec3; 3],
+    ) -> Option<Touch> {
+        let way = to - from;
+        let segment = Segment { middle: (from + to) * 0.5, half: way * 0.5 };
+        let mut best: Option<(Touch, f64)> = None;
+        let reach = radius + BACK_OFF;
+        let ray = Ray::new(from, way);
+        self.walk(
+            1.0,
+            // A box is of interest from the earliest fraction at which the segment can come to it.
+            |b| if b.meets(&segment, reach) { b.earliest(from, way, reach) } else { f64::INFINITY },
+            |element, bound| {
+                let corners = corners(element);
+                let hit = if radius > 0.0 {
+                    sphere_touch(from, way, radius, corners)
+                } else {
+                    ray.touch(from, corners)
+                };
+                let Some((fraction, n)) = hit else { return bound };
+                // Of touches at the same moment the nearest counts, then the lowest element: not the tree's order.
+                let distance = (from + way * fraction).distance(point(corners, n));
+                let earlier = best.is_none_or(|(b, d)| {
+                    (fraction, distance, element).partial_cmp(&(b.fraction, d, b.at.element))
+                        == Some(std::cmp::Ordering::Less)
+                });
+                if earlier {
+                    best = Some((Touch { at: SurfacePoint { element, n }, fraction }, distance));
+                    return fraction;
+                }
+                bound
+            },
+        );
+        best.map(|(touch, _)| touch)
+    }
 }
 
 /// Nearest points of a bare triangle mesh, with nothing promised of it.
@@ -291,7 +364,7 @@ impl MeshSearch {
     /// # Panics
     /// On a triangle that names a vertex that is not there.
     pub fn new(mesh: &TriangleMesh) -> Self {
-        let mut search = Search::build(&mesh.positions, &mesh.triangles);
+        let mut search = Search::build(&mesh.positions, mesh.triangles.len(), |t| mesh.triangles[t]);
         let triangles = std::mem::take(&mut search.order);
         let corners: Vec<_> = triangles
             .iter()
@@ -359,23 +432,8 @@ impl Body {
     /// # Real-time
     /// Bounded by the number of elements, in practice logarithmic; no allocation, never panics.
     pub fn nearest(&self, p: DVec3, max_distance: f64) -> Option<Nearest> {
-        let mut best: Option<(SurfacePoint, f64)> = None;
-        let bound = max_distance * max_distance;
-        self.search.walk(
-            bound,
-            |b| b.distance_squared(p),
-            |element, bound| {
-                let corners = self.corners(element);
-                let n = nearest_on_triangle(p, corners);
-                let d = (point(corners, n) - p).length_squared();
-                if d < bound || (best.is_none() && d <= bound) {
-                    best = Some((SurfacePoint { element, n }, d));
-                    return d;
-                }
-                bound
-            },
-        );
-        best.map(|(at, d)| Nearest { at, distance: d.sqrt(), outside: self.is_outside(p, at) })
+        let found = self.search.nearest(p, max_distance, |element| self.corners(element));
+        found.map(|(at, distance)| Nearest { at, distance, outside: self.is_outside(p, at) })
     }
 
     /// A distance (m) that the surface is at least away from `p`, at least 0.7 of the true one, and the element that
@@ -416,37 +474,7 @@ impl Body {
     /// # Real-time
     /// As [`Body::nearest`].
     pub fn first_touch(&self, from: DVec3, to: DVec3, radius: f64) -> Option<Touch> {
-        let way = to - from;
-        let segment = Segment { middle: (from + to) * 0.5, half: way * 0.5 };
-        let mut best: Option<(Touch, f64)> = None;
-        let reach = radius + BACK_OFF;
-        let ray = Ray::new(from, way);
-        self.search.walk(
-            1.0,
-            // A box is of interest from the earliest fraction at which the segment can come to it.
-            |b| if b.meets(&segment, reach) { b.earliest(from, way, reach) } else { f64::INFINITY },
-            |element, bound| {
-                let corners = self.corners(element);
-                let hit = if radius > 0.0 {
-                    sphere_touch(from, way, radius, corners)
-                } else {
-                    ray.touch(from, corners)
-                };
-                let Some((fraction, n)) = hit else { return bound };
-                // Of touches at the same moment the nearest counts, then the lowest element: not the tree's order.
-                let distance = (from + way * fraction).distance(point(corners, n));
-                let earlier = best.is_none_or(|(b, d)| {
-                    (fraction, distance, element).partial_cmp(&(b.fraction, d, b.at.element))
-                        == Some(std::cmp::Ordering::Less)
-                });
-                if earlier {
-                    best = Some((Touch { at: SurfacePoint { element, n }, fraction }, distance));
-                    return fraction;
-                }
-                bound
-            },
-        );
-        best.map(|(touch, _)| touch)
+        self.search.first_touch(from, to, radius, |element| self.corners(element))
     }
 
     /// Whether `p` lies outside, seen from its nearest surface point: by the sum of the normals of the faces that
@@ -684,9 +712,41 @@ fn first_root(gap: DVec3, way: DVec3, radius: f64) -> Option<f64> {
     Some(c / (-b + discriminant.sqrt()))
 }
 
+/// Bits of a key along the curve.
+const KEY_BITS: u32 = 60;
+/// Of these, those that tell its bucket.
+const BUCKET_BITS: u32 = 15;
+
+/// The numbers below `count`, sorted by their key and then themselves: bucket by bucket, since beside a body that hardly fits
+/// into memory there is no room for all keys. Keys have [`KEY_BITS`].
+fn sorted_by_key(count: u32, key: impl Fn(u32) -> u64) -> Vec<u32> {
+    let bucket = |i: u32| (key(i) >> (KEY_BITS - BUCKET_BITS)) as usize;
+    let mut ends = vec![0u32; (1 << BUCKET_BITS) + 1];
+    (0..count).for_each(|i| ends[bucket(i) + 1] += 1);
+    for b in 0..1 << BUCKET_BITS {
+        ends[b + 1] += ends[b];
+    }
+    let starts = ends.clone();
+    let mut order = vec![0; count as usize];
+    for i in 0..count {
+        let end = &mut ends[bucket(i)];
+        order[*end as usize] = i;
+        *end += 1;
+    }
+    let mut keyed = Vec::new();
+    for bounds in starts.windows(2) {
+        let numbers = &mut order[bounds[0] as usize..bounds[1] as usize];
+        keyed.clear();
+        keyed.extend(numbers.iter().map(|&i| (key(i), i)));
+        keyed.sort_unstable();
+        numbers.iter_mut().zip(&keyed).for_each(|(slot, (_, i))| *slot = *i);
+    }
+    order
+}
+
 /// Position along a 3-D Hilbert curve of 20 bits an axis (Skilling 2004).
 fn hilbert(mut x: [u32; 3]) -> u64 {
-    const BITS: u32 = 20;
+    const BITS: u32 = KEY_BITS / 3;
     let mut q = 1 << (BITS - 1);
     while q > 1 {
         let p = q - 1;

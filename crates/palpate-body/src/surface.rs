@@ -40,6 +40,53 @@ pub struct Element {
     pub twins: [u32; 3],
 }
 
+/// Elements, however they lie in memory.
+pub(crate) trait Elements: Copy {
+    fn count(self) -> usize;
+    /// Element `e` < `count`.
+    fn element(self, e: usize) -> Element;
+
+    fn all(self) -> impl Iterator<Item = Element> {
+        (0..self.count()).map(move |e| self.element(e))
+    }
+
+    /// Half-edges without a neighbour, as (element, edge).
+    fn border(self) -> impl Iterator<Item = (usize, usize)> {
+        let edges = |(e, element): (usize, Element)| {
+            let twins = element.twins;
+            (0..3).filter(move |&i| twins[i] == NO_TWIN).map(move |i| (e, i))
+        };
+        self.all().enumerate().flat_map(edges)
+    }
+}
+
+impl Elements for &[Element] {
+    fn count(self) -> usize {
+        self.len()
+    }
+
+    fn element(self, e: usize) -> Element {
+        self[e]
+    }
+}
+
+/// As a body file has them.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Columns<'a> {
+    pub nodes: &'a [[u32; 3]],
+    pub twins: &'a [[u32; 3]],
+}
+
+impl Elements for Columns<'_> {
+    fn count(self) -> usize {
+        self.nodes.len()
+    }
+
+    fn element(self, e: usize) -> Element {
+        Element { nodes: self.nodes[e], twins: self.twins[e] }
+    }
+}
+
 /// A checked surface: every element has an area, every edge at most one neighbour, twins agree.
 ///
 /// At a crease a vertex carries several nodes, one for each smooth side: they share the position, and each has its
@@ -126,18 +173,14 @@ impl Surface {
     /// # Errors
     /// A wrong count, a vector that is not of unit length, or an element whose three normals oppose each other.
     pub fn with_inward_normals(mut self, inward: Vec<DVec3>) -> Result<Self> {
-        check_normals(&inward, &self.positions, &self.elements)?;
+        check_normals(&inward, &self.positions, self.elements.as_slice())?;
         self.inward = inward;
         Ok(self)
     }
 
     /// Half-edges without a neighbour, as (element, edge).
     pub fn border(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
-        let edges = |(e, element): (usize, &Element)| {
-            let twins = element.twins;
-            (0..3).filter(move |&i| twins[i] == NO_TWIN).map(move |i| (e, i))
-        };
-        self.elements.iter().enumerate().flat_map(edges)
+        Elements::border(self.elements.as_slice())
     }
 }
 
@@ -204,7 +247,7 @@ pub(crate) fn check_area(t: usize, [a, b, c]: [DVec3; 3]) -> Result<()> {
     ))
 }
 
-pub(crate) fn check_normals(inward: &[DVec3], positions: &[DVec3], elements: &[Element]) -> Result<()> {
+pub(crate) fn check_normals(inward: &[DVec3], positions: &[DVec3], elements: impl Elements) -> Result<()> {
     if inward.len() != positions.len() {
         return Err(BodyError::invalid(
             "normals",
@@ -226,15 +269,15 @@ pub(crate) fn check_normals(inward: &[DVec3], positions: &[DVec3], elements: &[E
         let face = (c - a).cross(b - a);
         e.nodes.iter().all(|&n| inward[n as usize].dot(face) < 0.0)
     };
-    if 2 * elements.iter().filter(|e| outward(e)).count() > elements.len() {
+    if 2 * elements.all().filter(outward).count() > elements.count() {
         return Err(BodyError::invalid(
             "normals",
             "most of them point out of the body",
             "turn them, or the triangles, round",
         ));
     }
-    if let Some(t) = elements.iter().position(|e| opposes(e, inward)) {
-        let p = positions[elements[t].nodes[0] as usize];
+    if let Some(t) = elements.all().position(|e| opposes(&e, inward)) {
+        let p = positions[elements.element(t).nodes[0] as usize];
         return Err(BodyError::invalid(
             format!("triangle {t} at ({:.6}, {:.6}, {:.6}) m", p.x, p.y, p.z),
             "the inward normals of its nodes oppose each other: the surface is folded too sharply there",

@@ -4,7 +4,7 @@ mod common;
 
 use common::*;
 use glam::DVec3;
-use palpate_body::{Body, BodyParts, NodeMix, Patch, SlipRule, Tool};
+use palpate_body::{Body, BodyParts, BodySource, NodeMix, Patch, SlipRule, StoredBody, Tool};
 use palpate_engine::{Ablation, Contact, Output, ToolPose};
 
 /// Bodies of every kind that differs in what a step reads: test points at nodes and between them, tensors, creases, a
@@ -96,6 +96,48 @@ fn a_step_on_a_patch_is_the_step_on_the_whole_body() {
         touched > steps / 4 && free > steps / 4 && taken > steps / 100,
         "{steps} {taken} {touched} {free}"
     );
+}
+
+#[test]
+fn a_patch_out_of_the_file_is_that_of_the_body_in_memory() {
+    let mut rng = Chance::new(52);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.body");
+    for body in bodies() {
+        for rule in SlipRule::ALL {
+            body.save(&path).unwrap();
+            // As it is opened: gradients are there only if they were asked for.
+            let whole = Body::open(&path).unwrap();
+            let _ = Contact::with_slip(&whole, rule, Ablation::None);
+            let stored = StoredBody::open(&path, Some(rule)).unwrap();
+            assert_eq!(stored.element_count(), whole.elements().len());
+            assert_eq!(stored.extent(), whole.extent());
+            let (mut read, mut copied) = (stored.patch(), whole.patch());
+            for _ in 0..20 {
+                let p = DVec3::from_array([(); 3].map(|()| 0.06 * (rng.unit() - 0.5)));
+                let to = p + DVec3::from_array([(); 3].map(|()| 0.2 * (rng.unit() - 0.5)));
+                assert_eq!(
+                    BodySource::first_touch(&stored, p, to).unwrap(),
+                    BodySource::first_touch(&whole, p, to).unwrap()
+                );
+                let at = BodySource::nearest(&stored, p).unwrap();
+                assert_eq!(at, BodySource::nearest(&whole, p).unwrap());
+
+                let count = 1 + rng.below(whole.elements().len() / 2);
+                stored.take(&mut read, at[0].to_array(), count).unwrap();
+                copied.take(&whole, at[0].to_array(), count);
+                let [a, b] = [&read, &copied].map(|p| p.body().clone());
+                assert_eq!(a, b);
+                assert_eq!(a.derived_gradients(), b.derived_gradients());
+                assert_eq!(a.derived_gradients().is_some(), rule == SlipRule::Consistent);
+                assert_eq!(read.radius_m(), copied.radius_m());
+                let numbers = |patch: &Patch| {
+                    (0..patch.body().elements().len() as u32).map(|e| patch.global(e)).collect::<Vec<_>>()
+                };
+                assert_eq!(numbers(&read), numbers(&copied));
+            }
+        }
+    }
 }
 
 #[test]

@@ -1,0 +1,469 @@
+//! A body that stays in its file, for those that are larger than memory, and for all that are long to open.
+//!
+//! In memory are its outline and the tree over its elements: 7.5 bytes an element, where the body itself has 70 and more.
+//! [`BodySource::take`] reads what a patch needs, and derives of it what [`Body::new`] derives of the whole, by the same
+//! functions: the same bits come out.
+//!
+//! The file is read, not mapped: a file that is cut short while it is in use is an error like any other, and what it takes of
+//! memory is the system's cache, which it gives up when memory is short.
+
+use crate::body::{
+    Body, Node, NodeMix, SlipRule, Tool, border_nodes, check_mix, check_surface, check_test_points, creased,
+};
+use crate::error::{BodyError, Result};
+use crate::file::{CURVES, File, SharedKnots, mapped};
+use crate::gradient::Gradients;
+use crate::patch::{Patch, place, sorted_into};
+use crate::response::{Response, Responses};
+use crate::search::{Search, point};
+use crate::source::{BodySource, Extent, mixed_inward, no_surface};
+use crate::surface::{Columns, Element, Elements, FENCE};
+use crate::tensor::{self, IDENTITY, Tensor};
+use bytemuck::Pod;
+use glam::DVec3;
+use std::cell::RefCell;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+/// Rows that are nearer to each other than this in the file are read in one go, bytes: about what a read costs besides.
+const GAP: u64 = 4096;
+/// No more than this is read in one go, bytes.
+const MOST: u64 = 1 << 20;
+/// Test points and nodes that are looked at in one go.
+const BATCH: usize = 4096;
+
+/// A body of which patches are read out of its file.
+#[derive(Debug)]
+pub struct StoredBody {
+    path: PathBuf,
+    file: fs::File,
+    /// Of the file when it was checked.
+    stamp: Stamp,
+    tensors: Tensors,
+    knots: SharedKnots,
+    outline: Body,
+    search: Search,
+    nodes: usize,
+    test_points: usize,
+    isotropic: bool,
+    /// Whether patches get gradients.
+    gradients: bool,
+    extent: Extent,
+}
+
+/// What tells one state of a file from another.
+#[derive(Debug, PartialEq)]
+struct Stamp {
+    bytes: u64,
+    modified: Option<SystemTime>,
+}
+
+impl Stamp {
+    fn of(file: &fs::File) -> io::Result<Self> {
+        let metadata = file.metadata()?;
+        Ok(Stamp { bytes: metadata.len(), modified: metadata.modified().ok() })
+    }
+}
+
+/// Where tensors begin in the file, bytes.
+#[derive(Debug)]
+struct Tensors {
+    positions: u64,
+    inward: u64,
+    weights: u64,
+    lateral_tensors: u64,
+    mixed: u64,
+    triangles: u64,
+    twins: u64,
+    /// Of the [`CURVES`].
+    curves: [u64; 3],
+}
+
+impl StoredBody {
+    /// Checks the body at `path` as [`Body::open`] does, and leaves it there. `slip` is the rule that contacts will ask for, if
+    /// it is another than the body's own.
+    ///
+    /// # Errors
+    /// As [`Body::open`]; tensors that are not aligned, as other programs may write them; with the rule `consistent`, a node
+    /// that joins elements which no edge joins.
+    pub fn open(path: &Path, slip: Option<SlipRule>) -> Result<Self> {
+        let (file, bytes) = mapped(path)?;
+        Self::check(path, file, &bytes, slip).map_err(|e| e.in_file(path))
+    }
+
+    /// How many elements the body at `path` has, by its header alone.
+    ///
+    /// # Errors
+    /// The file can't be read, or its header is none.
+    pub fn count_elements(path: &Path) -> Result<usize> {
+        let (_, bytes) = mapped(path)?;
+        let file = File::parse(&bytes).map_err(|e| e.in_file(path))?;
+        Ok(file.bytes("triangles").len() / size_of::<[u32; 3]>())
+    }
+
+    fn check(path: &Path, file: fs::File, bytes: &[u8], slip: Option<SlipRule>) -> Result<Self> {
+        let stamp = Stamp::of(&file).map_err(|e| BodyError::io(path, e))?;
+        let parsed = File::parse(bytes)?;
+        let positions: &[DVec3] = column(&parsed, "positions")?;
+        let inward: &[DVec3] = column(&parsed, "inward_normals")?;
+        let vertices: &[u32] = column(&parsed, "vertices")?;
+        let elements = Columns { nodes: column(&parsed, "triangles")?, twins: column(&parsed, "twins")? };
+        check_surface(positions, inward, vertices, elements)?;
+
+        let at: &[u32] = column(&parsed, "test_point_nodes")?;
+        let mixed: &[[u32; 3]] = column(&parsed, "node_test_points")?;
+        let weights: &[[f64; 3]] = column(&parsed, "node_weights")?;
+        let fades = border_nodes(positions.len(), elements);
+        for (n, ((&test_points, &weights), &fades)) in mixed.iter().zip(weights).zip(&fades).enumerate() {
+            check_mix(n, &NodeMix { test_points, weights }, at.len(), fades)?;
+        }
+        check_test_points(at, at.len(), positions.len())?;
+        let tool: Tool = parsed.json("tool", serde_json::from_str)?;
+        tool.check()?;
+
+        let tensors: &[Tensor] = column(&parsed, "lateral_tensors")?;
+        let isotropic = tensors.iter().all(|a| *a == IDENTITY);
+        for (n, (a, u)) in tensors.iter().zip(inward).enumerate() {
+            tensor::check(a, *u)
+                .map_err(|(problem, mend)| BodyError::invalid(format!("node {n}"), problem, mend))?;
+        }
+
+        let knots = parsed.knots()?;
+        let curves = [
+            column(&parsed, CURVES[0].tensor)?,
+            column(&parsed, CURVES[1].tensor)?,
+            column(&parsed, CURVES[2].tensor)?,
+        ];
+        for t in 0..at.len() {
+            knots.response(t, t, curves)?.check_at(t, &knots.depth, &knots.lateral)?;
+        }
+        let Some(first) = (!at.is_empty()).then(|| knots.response(0, 0, curves)) else {
+            return Err(BodyError::invalid("responses", "there is no test point", "give at least one"));
+        };
+        let responses = Responses::new(&[first?])?.without_points();
+
+        let own = parsed.slip()?;
+        let gradients = slip.unwrap_or(own) == SlipRule::Consistent;
+        if gradients {
+            check_fans_whole(positions.len(), elements)?;
+        }
+        let search = Search::build(positions, elements.count(), |e| elements.nodes[e]);
+        Ok(StoredBody {
+            path: path.to_path_buf(),
+            file,
+            stamp,
+            tensors: Tensors {
+                positions: parsed.place("positions"),
+                inward: parsed.place("inward_normals"),
+                weights: parsed.place("node_weights"),
+                lateral_tensors: parsed.place("lateral_tensors"),
+                mixed: parsed.place("node_test_points"),
+                triangles: parsed.place("triangles"),
+                twins: parsed.place("twins"),
+                curves: [0, 1, 2].map(|i| parsed.place(CURVES[i].tensor)),
+            },
+            knots,
+            outline: Body::without_surface(responses, creased(vertices), tool, own),
+            search,
+            nodes: positions.len(),
+            test_points: at.len(),
+            isotropic,
+            gradients,
+            extent: Extent::of(positions.iter().copied()),
+        })
+    }
+
+    /// The bytes from `start` on.
+    fn read(&self, start: u64, bytes: &mut [u8]) -> Result<()> {
+        read_at(&self.file, bytes, start).map_err(|e| self.changed(e))
+    }
+
+    fn changed(&self, error: io::Error) -> BodyError {
+        if error.kind() == io::ErrorKind::UnexpectedEof {
+            let problem = "it was cut short while it was in use";
+            return BodyError::invalid("body file", problem, "make or copy it again").in_file(&self.path);
+        }
+        BodyError::io(&self.path, error)
+    }
+
+    /// Rows `which`, ascending, of a tensor that begins at `start`, `width` bytes each.
+    fn bytes_of_rows(&self, start: u64, width: usize, which: &[u32]) -> Result<Vec<u8>> {
+        let mut rows = vec![0; width * which.len()];
+        let (mut buffer, mut slots) = (Vec::new(), rows.chunks_exact_mut(width));
+        let from = |row: u32| start + u64::from(row) * width as u64;
+        let mut rest = which;
+        while let Some(&first) = rest.first() {
+            let joins = |pair: &&[u32]| {
+                from(pair[1]) - from(pair[0]) <= width as u64 + GAP && from(pair[1]) - from(first) < MOST
+            };
+            let (part, after) = rest.split_at(1 + rest.windows(2).take_while(joins).count());
+            buffer.resize((from(part[part.len() - 1]) - from(first)) as usize + width, 0);
+            self.read(from(first), &mut buffer)?;
+            for (&row, slot) in part.iter().zip(&mut slots) {
+                let at = (from(row) - from(first)) as usize;
+                slot.copy_from_slice(&buffer[at..at + width]);
+            }
+            rest = after;
+        }
+        Ok(rows)
+    }
+
+    fn rows<T: Pod>(&self, start: u64, which: &[u32]) -> Result<Vec<T>> {
+        Ok(bytemuck::pod_collect_to_vec(&self.bytes_of_rows(start, size_of::<T>(), which)?))
+    }
+
+    /// Elements with their numbers.
+    fn elements(&self, which: &[u32]) -> Result<Vec<(u32, Element)>> {
+        let (nodes, twins) =
+            (self.rows(self.tensors.triangles, which)?, self.rows(self.tensors.twins, which)?);
+        let elements = nodes.into_iter().zip(twins).map(|(nodes, twins)| Element { nodes, twins });
+        Ok(which.iter().copied().zip(elements).collect())
+    }
+
+    /// Responses of test points.
+    fn responses(&self, which: &[u32]) -> Result<Vec<Response>> {
+        let ordinates = |i: usize| {
+            let width = self.knots.intervals(&CURVES[i]) * size_of::<[f64; 4]>();
+            let bytes = self.bytes_of_rows(self.tensors.curves[i], width, which)?;
+            Ok(bytemuck::pod_collect_to_vec::<u8, [f64; 4]>(&bytes))
+        };
+        let (normal, lateral, friction) = (ordinates(0)?, ordinates(1)?, ordinates(2)?);
+        let row =
+            |(row, &t): (usize, &u32)| self.knots.response(t as usize, row, [&normal, &lateral, &friction]);
+        which.iter().enumerate().map(row).collect()
+    }
+
+    /// Adds the elements around the nodes of those that are `known`, sorted, where one of these is not yet among them.
+    fn complete(&self, known: &mut Vec<(u32, Element)>) -> Result<()> {
+        let mut nodes = Vec::new();
+        sorted_into(&mut nodes, known.iter().flat_map(|(_, e)| e.nodes));
+        let mut fresh = known.clone();
+        loop {
+            let mut wanted = Vec::new();
+            for (edge, element) in fresh.iter().flat_map(|(_, e)| (0..3).map(move |edge| (edge, e))) {
+                let there = element.twins[edge] / 3;
+                let is_wanted = element.twins[edge] < FENCE
+                    && known.binary_search_by_key(&there, |(e, _)| *e).is_err()
+                    && [edge, (edge + 1) % 3].iter().any(|&i| nodes.binary_search(&element.nodes[i]).is_ok());
+                wanted.extend(is_wanted.then_some(there));
+            }
+            if wanted.is_empty() {
+                return Ok(());
+            }
+            wanted.sort_unstable();
+            wanted.dedup();
+            fresh = self.elements(&wanted)?;
+            known.extend_from_slice(&fresh);
+            known.sort_unstable_by_key(|(e, _)| *e);
+        }
+    }
+
+    /// A body of these elements and what their gradients need, and the elements' numbers in the file. It has no tree.
+    fn excerpt(&self, elements: &[u32]) -> Result<(Body, Vec<u32>)> {
+        let mut known = self.elements(elements)?;
+        if self.gradients {
+            self.complete(&mut known)?;
+        }
+        let numbers: Vec<u32> = known.iter().map(|(e, _)| *e).collect();
+        let (mut nodes, mut points) = (Vec::new(), Vec::new());
+        sorted_into(&mut nodes, known.iter().flat_map(|(_, e)| e.nodes));
+        let mixed: Vec<[u32; 3]> = self.rows(self.tensors.mixed, &nodes)?;
+        sorted_into(&mut points, mixed.iter().flatten().copied());
+        let responses = self.responses(&points)?;
+
+        let mut body = self.outline.clone();
+        body.responses = Responses::new(&responses)?;
+        let positions = self.rows(self.tensors.positions, &nodes)?.into_iter();
+        let inward = self.rows(self.tensors.inward, &nodes)?;
+        let mixes = mixed
+            .into_iter()
+            .zip(self.rows(self.tensors.weights, &nodes)?)
+            .map(|(t, weights)| NodeMix { test_points: t.map(|t| place(&points, t)), weights });
+        let rest = positions.zip(inward).zip(mixes);
+        body.nodes = rest.map(|((position, inward), mix)| Node::new(position, inward, &mix)).collect();
+        body.elements = known
+            .iter()
+            .map(|(_, e)| Element {
+                nodes: e.nodes.map(|n| place(&nodes, n)),
+                twins: e.twins.map(|twin| match numbers.binary_search(&(twin / 3)) {
+                    Ok(there) => 3 * there as u32 + twin % 3,
+                    // At a border it is no element's, and stays what it is.
+                    Err(_) => twin.max(FENCE),
+                }),
+            })
+            .collect();
+        if !self.isotropic {
+            body.lateral_tensors = self.rows(self.tensors.lateral_tensors, &nodes)?;
+        }
+        if self.gradients {
+            let Body { nodes, elements, lateral_tensors, responses: table, .. } = &body;
+            let gradients = Gradients::new(nodes, elements, lateral_tensors, table, &responses);
+            body.set_gradients(gradients);
+        }
+        Ok((body, numbers))
+    }
+
+    /// Corners of an element, and the inward normals there, m.
+    fn corners(&self, element: u32) -> Result<[[DVec3; 3]; 2]> {
+        let of = |tensor: u64, n: u32| {
+            let mut bytes = [0; size_of::<DVec3>()];
+            self.read(tensor + u64::from(n) * bytes.len() as u64, &mut bytes)?;
+            Ok::<DVec3, BodyError>(bytemuck::pod_read_unaligned(&bytes))
+        };
+        let mut bytes = [0; size_of::<[u32; 3]>()];
+        self.read(self.tensors.triangles + u64::from(element) * bytes.len() as u64, &mut bytes)?;
+        let [a, b, c]: [u32; 3] = bytemuck::pod_read_unaligned(&bytes);
+        let Tensors { positions: p, inward: u, .. } = self.tensors;
+        Ok([[of(p, a)?, of(p, b)?, of(p, c)?], [of(u, a)?, of(u, b)?, of(u, c)?]])
+    }
+
+    /// What `ask` finds among elements whose corners it is given.
+    fn query<T>(&self, ask: impl FnOnce(&dyn Fn(u32) -> [DVec3; 3]) -> T) -> Result<T> {
+        let failed = RefCell::new(None);
+        let answer = ask(&|element| {
+            self.corners(element).map_or_else(
+                |error| {
+                    failed.borrow_mut().get_or_insert(error);
+                    [DVec3::NAN; 3]
+                },
+                |[positions, _]| positions,
+            )
+        });
+        failed.into_inner().map_or(Ok(answer), Err)
+    }
+}
+
+impl BodySource for StoredBody {
+    fn outline(&self) -> &Body {
+        &self.outline
+    }
+
+    fn element_count(&self) -> usize {
+        self.search.count()
+    }
+
+    fn take(&self, patch: &mut Patch, centre: [f64; 3], count: usize) -> Result<()> {
+        patch.choose(&self.search, centre, count);
+        let whole = patch.numbers_mut().clone();
+        let (excerpt, numbers) = self.excerpt(&whole)?;
+        // What was read is what was checked, as far as a file's length and time tell.
+        if Stamp::of(&self.file).map_err(|e| self.changed(e))? != self.stamp {
+            let problem = "it was changed while it was in use";
+            return Err(BodyError::invalid("body file", problem, "start again").in_file(&self.path));
+        }
+        patch.numbers_mut().iter_mut().for_each(|e| *e = place(&numbers, *e));
+        patch.copy(&excerpt);
+        *patch.numbers_mut() = whole;
+        Ok(())
+    }
+
+    fn extent(&self) -> Extent {
+        self.extent
+    }
+
+    fn first_touch(&self, from: DVec3, to: DVec3) -> Result<Option<DVec3>> {
+        self.query(|corners| {
+            let at = self.search.first_touch(from, to, 0.0, corners)?.at;
+            Some(point(corners(at.element), at.n))
+        })
+    }
+
+    fn nearest(&self, p: DVec3) -> Result<[DVec3; 2]> {
+        let found = self.query(|corners| self.search.nearest(p, f64::INFINITY, corners))?;
+        let (at, _) = found.ok_or_else(no_surface)?;
+        let [corners, inward] = self.corners(at.element)?;
+        Ok([point(corners, at.n), mixed_inward(inward, at.n)])
+    }
+
+    fn each_response(&self, visit: &mut dyn FnMut(&Response)) -> Result<()> {
+        batches(self.test_points, |which| {
+            self.responses(which)?.iter().for_each(&mut *visit);
+            Ok(())
+        })
+    }
+
+    fn each_tensor(&self, visit: &mut dyn FnMut(&Tensor, DVec3)) -> Result<()> {
+        batches(if self.isotropic { 0 } else { self.nodes }, |which| {
+            let tensors: Vec<Tensor> = self.rows(self.tensors.lateral_tensors, which)?;
+            let inward: Vec<DVec3> = self.rows(self.tensors.inward, which)?;
+            tensors.iter().zip(inward).for_each(|(a, u)| visit(a, u));
+            Ok(())
+        })
+    }
+
+    fn unlock_memory(&self) -> io::Result<()> {
+        self.search.memory().try_for_each(crate::file::unlock)
+    }
+}
+
+/// The numbers below `count`, some at a time.
+fn batches(count: usize, mut each: impl FnMut(&[u32]) -> Result<()>) -> Result<()> {
+    let starts = (0..count).step_by(BATCH);
+    starts
+        .map(|start| (start as u32..(start + BATCH).min(count) as u32).collect::<Vec<_>>())
+        .try_for_each(|which| each(&which))
+}
+
+/// A tensor as numbers.
+fn column<'a, T: Pod>(file: &File<'a>, name: &str) -> Result<&'a [T]> {
+    bytemuck::try_cast_slice(file.bytes(name)).map_err(|_| {
+        let problem = "its numbers are not aligned in the file: it was written by another program";
+        let mend = "open it in memory, or write it again with Body::save";
+        BodyError::invalid(format!("tensor `{name}`"), problem, mend)
+    })
+}
+
+/// A patch finds the elements around a node by their edges: there must be no others.
+fn check_fans_whole(nodes: usize, elements: impl Elements) -> Result<()> {
+    let (mut counts, mut first) = (vec![0u16; nodes], vec![u32::MAX; nodes]);
+    for (e, element) in elements.all().enumerate() {
+        for n in element.nodes.map(|n| n as usize) {
+            counts[n] += 1;
+            first[n] = first[n].min(e as u32);
+        }
+    }
+    for (n, (&count, &start)) in counts.iter().zip(&first).enumerate() {
+        if count == 0 {
+            continue;
+        }
+        let of = |e: u32| elements.element(e as usize);
+        let corner = |e: u32| of(e).nodes.iter().position(|&m| m as usize == n);
+        // Once round, or to an end of the fan each way.
+        let mut met = 0;
+        'ways: for way in [2, 0] {
+            let mut at = start;
+            while let Some(c) = corner(at).filter(|_| met <= count) {
+                met += u16::from(at != start || way == 2);
+                let twin = of(at).twins[(c + way) % 3];
+                at = if twin < FENCE { twin / 3 } else { continue 'ways };
+                if at == start {
+                    break 'ways;
+                }
+            }
+        }
+        if met != count {
+            let problem = "it joins elements that no edge joins, which a body in its file can't have with this slip rule";
+            return Err(BodyError::invalid(format!("node {n}"), problem, "open it in memory"));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(unix)]
+fn read_at(file: &fs::File, bytes: &mut [u8], start: u64) -> io::Result<()> {
+    std::os::unix::fs::FileExt::read_exact_at(file, bytes, start)
+}
+
+#[cfg(windows)]
+fn read_at(file: &fs::File, mut bytes: &mut [u8], mut start: u64) -> io::Result<()> {
+    while !bytes.is_empty() {
+        let read = std::os::windows::fs::FileExt::seek_read(file, bytes, start)?;
+        if read == 0 {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        (bytes, start) = (&mut bytes[read..], start + read as u64);
+    }
+    Ok(())
+}
