@@ -11,7 +11,7 @@
 use crate::atomic::{AtomicU64, Ordering};
 use crate::{Board, Mailbox};
 use glam::DVec3;
-use palpate_body::{Body, Patch};
+use palpate_body::{BodySource, Patch};
 use palpate_engine::Contact;
 use std::sync::Arc;
 
@@ -62,7 +62,7 @@ pub struct Footing {
 #[derive(Debug)]
 pub struct Finder {
     link: Arc<Link>,
-    body: Arc<Body>,
+    body: Arc<dyn BodySource>,
     elements: usize,
     #[expect(clippy::vec_box, reason = "the mailboxes hand over boxes, and these go round")]
     hands: Vec<Box<Parcel>>,
@@ -74,20 +74,32 @@ pub struct Finder {
 }
 
 /// Both ends, with a first patch around `place_m` of `elements` elements.
-pub fn footing(body: Arc<Body>, place_m: [f64; 3], elements: usize) -> (Footing, Finder) {
+///
+/// # Errors
+/// The body's file can't be read.
+pub fn footing(
+    body: Arc<dyn BodySource>,
+    place_m: [f64; 3],
+    elements: usize,
+) -> palpate_body::Result<(Footing, Finder)> {
     let link = Arc::new(Link::default());
     let parcel = |serial| {
-        let patch = Patch::new(&body, place_m, elements);
+        let mut patch = body.patch();
+        body.take(&mut patch, place_m, elements)?;
         // Where it may not be locked it is used as it is; the thread that asks for real time says so once.
         let _ = patch.lock_memory();
-        Box::new(Parcel { patch, serial, asked: elements })
+        Ok(Box::new(Parcel { patch, serial, asked: elements }))
     };
-    let first = parcel(1);
+    let first = parcel(1)?;
     let newest = (first.patch.centre_m().into(), first.patch.radius_m());
     // One under way in each direction, one in the making.
-    let hands = if newest.1.is_finite() { (0..3).map(|_| parcel(0)).collect() } else { Vec::new() };
+    let count = if newest.1.is_finite() { 3 } else { 0 };
+    let hands = (0..count).map(|_| parcel(0)).collect::<palpate_body::Result<_>>()?;
     let footing = Footing { link: link.clone(), parcel: first, refused: 0 };
-    (footing, Finder { link, body, elements, hands, serial: 1, newest, seen: None, velocity: DVec3::ZERO })
+    Ok((
+        footing,
+        Finder { link, body, elements, hands, serial: 1, newest, seen: None, velocity: DVec3::ZERO },
+    ))
 }
 
 impl Footing {
@@ -146,13 +158,16 @@ impl Footing {
 
 impl Finder {
     /// One look: lays out a new patch if the newest one is worn. False if there was nothing to do.
-    pub fn look(&mut self) -> bool {
+    ///
+    /// # Errors
+    /// The body's file can't be read, or was changed: no patch will come any more.
+    pub fn look(&mut self) -> palpate_body::Result<bool> {
         self.link.beats.fetch_add(1, Ordering::Relaxed);
         self.hands.extend(self.link.used.take());
-        let Some(([time, x, y, z, waits], times)) = self.link.look.read() else { return false };
+        let Some(([time, x, y, z, waits], times)) = self.link.look.read() else { return Ok(false) };
         let place = DVec3::from_array([x, y, z].map(f64::from_bits));
         if times == 0 || !place.is_finite() {
-            return false;
+            return Ok(false);
         }
         self.follow(f64::from_bits(time), place);
         let (centre, radius) = self.newest;
@@ -160,17 +175,18 @@ impl Finder {
         let target = if ahead.is_finite() { place + ahead } else { place };
         let worn = target.distance(centre) > WORN * radius || (waits != 0 && place.distance(centre) > 0.0);
         if !worn || radius == f64::INFINITY {
-            return false;
+            return Ok(false);
         }
-        let Some(mut parcel) = self.hands.pop() else { return false };
+        let Some(mut parcel) = self.hands.pop() else { return Ok(false) };
         // So near to the tool that its element is sure to be in it.
-        parcel.patch.take(&self.body, if waits != 0 { place } else { target }.to_array(), self.elements);
+        let centre = if waits != 0 { place } else { target }.to_array();
+        self.body.take(&mut parcel.patch, centre, self.elements)?;
         let _ = parcel.patch.lock_memory();
         self.serial += 1;
         (parcel.serial, parcel.asked) = (self.serial, self.elements);
         self.newest = (parcel.patch.centre_m().into(), parcel.patch.radius_m());
         self.hands.extend(self.link.fresh.post(parcel));
-        true
+        Ok(true)
     }
 
     /// The velocity of the place, smoothed over a few looks.

@@ -1,6 +1,6 @@
 //! What the operating system gives a haptic thread: a clock to sleep by, a priority, a core, and memory that stays.
 
-use palpate_body::Body;
+use palpate_body::BodySource;
 use std::fs::File;
 use std::io;
 
@@ -68,7 +68,7 @@ impl RealTime {
 pub(crate) struct Awake(#[expect(dead_code, reason = "to be held, not read")] Option<File>);
 
 /// Locks what the program has in memory, but for the body, which may be larger than it; and tells if it was refused.
-pub(crate) fn lock_memory(body: &Body) -> Option<String> {
+pub(crate) fn lock_memory(body: &dyn BodySource) -> Option<String> {
     let locked = system::lock_memory().and_then(|()| body.unlock_memory());
     let refused = locked.err()?;
     Some(format!(

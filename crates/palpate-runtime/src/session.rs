@@ -14,9 +14,9 @@ use crate::finder::{Finder, Footing, footing};
 use crate::real_time::{Clock, RealTime, lock_memory};
 use crate::record::{Record, Recorder};
 use crate::watch::{Alarm, End, Patience, Watch};
-use crate::{HapticLoop, PageFaults, Period, StageFlags, Timed};
-use palpate_body::Body;
-use palpate_device::{Command, Device, Fault, OpenError, Pace};
+use crate::{HapticLoop, Opened, PageFaults, Period, StageFlags, Timed};
+use palpate_body::{BodyError, BodySource};
+use palpate_device::{Command, Device, Fault, Pace};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -58,9 +58,9 @@ impl Settings {
 /// Why a loop could not be started.
 #[derive(Debug, thiserror::Error)]
 pub enum StartError {
-    /// The device.
+    /// The body's file.
     #[error(transparent)]
-    Open(#[from] OpenError),
+    Body(#[from] BodyError),
     /// The system gives no thread.
     #[error("no thread could be started: {0}")]
     Thread(#[from] std::io::Error),
@@ -89,6 +89,8 @@ struct Shared {
     asked: AtomicBool,
     by: OnceLock<&'static str>,
     finder_gone: AtomicBool,
+    /// What it said when it went.
+    finder_words: OnceLock<String>,
     over: AtomicBool,
 }
 
@@ -112,13 +114,13 @@ impl Stopper {
 }
 
 impl Session {
-    /// Opens the device, lays out the first patch around it, and starts both threads.
+    /// Lays out the first patch around the device, and starts both threads.
     ///
     /// # Errors
-    /// The device can't be opened, or the system gives no thread. The device is closed then.
+    /// The body's file can't be read, or the system gives no thread. The device is closed then.
     pub fn start(
-        body: Arc<Body>,
-        device: Box<dyn Device>,
+        body: Arc<dyn BodySource>,
+        device: Opened,
         haptics: HapticLoop,
         recorder: Recorder,
         settings: Settings,
@@ -128,19 +130,18 @@ impl Session {
 
     /// The same with another finder's thread than [`find`].
     fn start_with(
-        body: Arc<Body>,
-        mut device: Box<dyn Device>,
+        body: Arc<dyn BodySource>,
+        mut device: Opened,
         haptics: HapticLoop,
         recorder: Recorder,
         settings: Settings,
         find: impl FnOnce(Finder, &Shared, Duration) + Send + 'static,
     ) -> Result<Session, StartError> {
-        device.open()?;
         // Where it is tells where the first patch should be; a device that doesn't know yet may be anywhere.
         let place = device.read(0.0).map_or([0.0; 3], |s| haptics.map().body_from_device(&s.pose).position_m);
         let place = if place.iter().all(|x| x.is_finite()) { place } else { [0.0; 3] };
-        let notes = device.notes().iter().cloned().chain(lock_memory(&body)).collect();
-        let (footing, finder) = footing(body, place, settings.patch_elements);
+        let notes = device.notes().iter().cloned().chain(lock_memory(&*body)).collect();
+        let (footing, finder) = footing(body, place, settings.patch_elements)?;
         let shared = Arc::new(Shared::default());
         let finding = thread::Builder::new().name("palpate-finder".into()).spawn({
             let shared = shared.clone();
@@ -151,7 +152,7 @@ impl Session {
         })?;
         let rendering = thread::Builder::new().name("palpate-haptic".into()).spawn({
             let shared = shared.clone();
-            move || Haptic { shared, haptics, footing, recorder, settings, notes }.run(device)
+            move || Haptic { shared, haptics, footing, recorder, settings, notes }.run(device.into_inner())
         });
         let rendering = rendering.inspect_err(|_| shared.over.store(true, Ordering::Release))?;
         Ok(Session { shared, threads: Some((rendering, finding)) })
@@ -220,8 +221,13 @@ impl Drop for Gone<'_> {
 /// The contact finder's thread.
 fn find(mut finder: Finder, shared: &Shared, pause: Duration) {
     while !shared.over.load(Ordering::Acquire) {
-        if !finder.look() {
-            thread::sleep(pause);
+        match finder.look() {
+            Ok(true) => {}
+            Ok(false) => thread::sleep(pause),
+            Err(error) => {
+                let _ = shared.finder_words.set(error.to_string());
+                return;
+            }
         }
     }
 }
@@ -266,7 +272,9 @@ impl Haptic {
         let end = match ended {
             Ok(Stop::Done) => End::Done,
             Ok(Stop::Asked) => End::Asked(self.shared.by.get().copied().unwrap_or("it was stopped")),
-            Ok(Stop::FinderDead) => End::FinderDead,
+            Ok(Stop::FinderDead) => {
+                self.shared.finder_words.get().map_or(End::FinderDead, |words| End::Body(words.clone()))
+            }
             Ok(Stop::Alarm(Alarm::Fault(Fault::Ended))) => End::Ended,
             Ok(Stop::Alarm(Alarm::Fault(fault))) => End::Device(device.explain(fault)),
             Ok(Stop::Alarm(Alarm::Stale(s))) => End::Stale(s),

@@ -39,6 +39,8 @@ pub enum End {
     Late(f64),
     /// The contact finder has not looked for this long, s.
     FinderSilent(f64),
+    /// The body's file gives no more patches: why.
+    Body(String),
     /// The contact finder ended.
     FinderDead,
     /// The haptic thread panicked: with this.
@@ -64,6 +66,7 @@ impl fmt::Display for End {
                 write!(f, "a period came {:.1} ms late: the machine is too busy for this loop", s * 1e3)
             }
             End::FinderSilent(s) => write!(f, "the contact finder has been silent for {s:.3} s"),
+            End::Body(words) => write!(f, "{words}"),
             End::FinderDead => write!(f, "the contact finder's thread is gone"),
             End::Panic(words) => write!(f, "the haptic thread panicked: {words}"),
         }

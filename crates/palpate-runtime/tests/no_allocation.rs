@@ -76,13 +76,13 @@ fn a_period_on_patches_allocates_nothing_while_they_are_renewed() {
     device.open().unwrap();
     let stages = Stages { force: Limit::new(3.3, 1.65), ..Stages::default() };
     let mut haptics = HapticLoop::new(Contact::new(&body), WorkspaceMap::default(), stages);
-    let (mut footing, mut finder) = footing(body, top.to_array(), 200);
+    let (mut footing, mut finder) = footing(body, top.to_array(), 200).unwrap();
     let (mut recorder, _records) = ring(2000);
     let (mut touched, mut patches, mut waited) = (0, 0, 0);
     for k in 0..1200u32 {
         // It skips looks now and then, so that the loop meets the fence.
         if k % 100 < 30 {
-            finder.look();
+            finder.look().unwrap();
         }
         let time = f64::from(k) * 1e-3;
         let (period, renewed) = assert_no_alloc(|| {

@@ -124,7 +124,8 @@ fn run(body: &Arc<Body>, seed: u64, rng: &mut Chance, tally: &mut Tally) {
     let stop_at = rng.below(PERIODS as usize - 30) as u32;
     let (late, mut now) = (rng.unit() < 0.3, 0.0);
     // So few elements, and so seldom renewed, that the tool leaves them.
-    let mut patches = (rng.unit() < 0.4).then(|| footing(body.clone(), body.point(touch.at).to_array(), 16));
+    let mut patches =
+        (rng.unit() < 0.4).then(|| footing(body.clone(), body.point(touch.at).to_array(), 16).unwrap());
     // Periods since the stop in which the device was told something new.
     let mut told = 0;
     for k in 0..PERIODS {
@@ -139,7 +140,7 @@ fn run(body: &Arc<Body>, seed: u64, rng: &mut Chance, tally: &mut Tally) {
             None => closed.period(&**body, &mut device, now),
             Some((footing, finder)) => {
                 if rng.unit() < 0.1 {
-                    finder.look();
+                    finder.look().unwrap();
                 }
                 footing.renew(closed.contact_mut());
                 let period = closed.period(footing.patch(), &mut device, now);

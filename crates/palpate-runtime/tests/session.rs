@@ -5,14 +5,14 @@ mod common;
 
 use common::{Chance, plane, shape, with_field};
 use glam::DVec3;
-use palpate_body::Body;
 use palpate_body::shape::Shape;
+use palpate_body::{Body, BodySource, SlipRule, StoredBody};
 use palpate_device::simulated::{Move, Script};
 use palpate_device::{Capabilities, Command, Device, Fault, OpenError, Sample, Simulated, presets};
 use palpate_engine::Contact;
 use palpate_runtime::{
-    End, HapticLoop, Header, Patience, RealTime, Record, Recording, RecordingFile, Report, Retrace, Safety,
-    Scribe, Session, Settings, WorkspaceMap, ring,
+    End, HapticLoop, Header, Opened, Patience, RealTime, Record, Recording, RecordingFile, Report, Retrace,
+    Safety, Scribe, Session, Settings, WorkspaceMap, ring,
 };
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -136,10 +136,17 @@ fn haptics(body: &Body, device: &Capabilities) -> HapticLoop {
     HapticLoop::new(Contact::new(body), WorkspaceMap::default(), stages)
 }
 
-fn run(body: &Arc<Body>, device: Rigged, settings: Settings) -> Report {
-    let haptics = haptics(body, device.capabilities());
+fn run<B: BodySource + 'static>(body: &Arc<B>, device: Rigged, settings: Settings) -> Report {
+    let haptics = haptics(body.outline(), device.capabilities());
     let (recorder, _records) = ring(4000);
-    Session::start(body.clone(), Box::new(device), haptics, recorder, settings).unwrap().join()
+    Session::start(body.clone(), Opened::new(Box::new(device)).unwrap(), haptics, recorder, settings)
+        .unwrap()
+        .join()
+}
+
+fn ball(edge_length_mm: f64) -> Arc<Body> {
+    let mesh = shape(Shape::Sphere { radius_mm: 30.0 }, edge_length_mm);
+    Arc::new(with_field(&mesh, 600.0, 500.0, 0.1, &|p| 1.0 + 0.3 * libm::sin(p.x * 90.0)))
 }
 
 /// No force beyond the Touch's, no step beyond half of it, and zero at the end.
@@ -222,8 +229,7 @@ fn a_late_loop_ends_with_zero_force() {
 
 #[test]
 fn a_finder_that_stalls_is_waited_for_and_one_that_is_silent_ends_the_loop() {
-    let mesh = shape(Shape::Sphere { radius_mm: 30.0 }, 0.7);
-    let body = Arc::new(with_field(&mesh, 600.0, 500.0, 0.1, &|p| 1.0 + 0.3 * libm::sin(p.x * 90.0)));
+    let body = ball(0.7);
     let top = DVec3::new(0.0, 0.0, 0.03);
     let stalled = Settings { finder_pause_s: 0.5, patch_elements: 64, ..settings(0.7) };
     let (device, log) = rigged(Mishap::None, top);
@@ -240,13 +246,56 @@ fn a_finder_that_stalls_is_waited_for_and_one_that_is_silent_ends_the_loop() {
 }
 
 #[test]
+fn a_body_that_is_cut_or_changed_in_its_file_ends_the_loop() {
+    use std::io::{Seek, SeekFrom, Write};
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.body");
+    let cut = |file: &mut std::fs::File| file.set_len(1000).unwrap();
+    let change = |file: &mut std::fs::File| {
+        file.seek(SeekFrom::End(-64)).unwrap();
+        file.write_all(&[0xff; 64]).unwrap();
+    };
+    // One that is replaced is still there for who has opened it.
+    let replace = |_: &mut std::fs::File| {
+        std::fs::write(folder.path().join("other"), b"no body").unwrap();
+        std::fs::rename(folder.path().join("other"), &path).unwrap();
+    };
+    let mishaps: [(&dyn Fn(&mut std::fs::File), Option<&str>); 3] =
+        [(&cut, Some("cut short while")), (&change, Some("changed while")), (&replace, None)];
+    for (mishap, words) in mishaps {
+        ball(0.7).save(&path).unwrap();
+        let body = Arc::new(StoredBody::open(&path, Some(SlipRule::Paper)).unwrap());
+        let (device, log) = rigged(Mishap::None, DVec3::new(0.0, 0.0, 0.03));
+        let haptics = haptics(body.outline(), device.capabilities());
+        let (recorder, _records) = ring(4000);
+        let settings = Settings { patch_elements: 64, ..settings(0.7) };
+        let opened = Opened::new(Box::new(device)).unwrap();
+        let session = Session::start(body, opened, haptics, recorder, settings).unwrap();
+        while log.lock().unwrap().commands.last().is_none_or(|(_, f)| f.length() < 0.1) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        mishap(&mut std::fs::File::options().read(true).write(true).open(&path).unwrap());
+        let report = session.join();
+        match (&report.end, words) {
+            (End::Body(said), Some(words)) => {
+                assert!(said.contains(words) && said.contains("x.body"), "{said}")
+            }
+            (end, words) => assert!(*end == End::Done && words.is_none(), "{end:?} {words:?}"),
+        }
+        assert_eq!(report.end.is_well(), words.is_none());
+        assert_eq!(checked(&log).last().unwrap().1, DVec3::ZERO);
+    }
+}
+
+#[test]
 fn asked_to_it_ends_at_once() {
     let body = Arc::new(plane(600.0, 500.0, 0.2));
     let (device, log) = rigged(Mishap::None, DVec3::ZERO);
     let haptics = haptics(&body, device.capabilities());
     let (recorder, _records) = ring(4000);
     let endless = Settings { seconds: None, ..settings(0.0) };
-    let session = Session::start(body, Box::new(device), haptics, recorder, endless).unwrap();
+    let session =
+        Session::start(body, Opened::new(Box::new(device)).unwrap(), haptics, recorder, endless).unwrap();
     std::thread::sleep(Duration::from_millis(200));
     assert!(!session.is_over());
     session.stopper().stop("SIGINT");
@@ -276,11 +325,14 @@ fn load_beside_is_borne() {
 /// A recording of a loop on patches holds what the engine needs to give the same bits again: poses and patches.
 #[test]
 fn a_recording_on_patches_is_replayed_to_the_bit_by_two_devices_at_once() {
-    let mesh = shape(Shape::Sphere { radius_mm: 30.0 }, 1.0);
-    let body = Arc::new(with_field(&mesh, 600.0, 500.0, 0.1, &|p| 1.0 + 0.3 * libm::sin(p.x * 90.0)));
+    let body = ball(1.0);
     let folder = tempfile::tempdir().unwrap();
+    body.save(&folder.path().join("x.body")).unwrap();
+    let whole = Arc::new(StoredBody::open(&folder.path().join("x.body"), None).unwrap());
+    // One has the body in memory, the other in its file; the records of both are replayed with it where the other had it.
+    let of: [Arc<dyn BodySource>; 2] = [body.clone(), whole.clone()];
     let sessions = [0, 1].map(|i| {
-        let turn = Chance::new(i).range(0.0, 6.0);
+        let turn = Chance::new(i as u64).range(0.0, 6.0);
         let place = DVec3::new(6e-3 * libm::cos(turn), 6e-3 * libm::sin(turn), 29.4e-3);
         let (device, _) = rigged(Mishap::None, place);
         let haptics = haptics(&body, device.capabilities());
@@ -289,18 +341,23 @@ fn a_recording_on_patches_is_replayed_to_the_bit_by_two_devices_at_once() {
         let file = RecordingFile::create(&path, false, &Header::default()).unwrap();
         let scribe = Scribe::start(records, Some(file), 1000.0).unwrap();
         let fine = Settings { patch_elements: 200, ..settings(0.5) };
-        (Session::start(body.clone(), Box::new(device), haptics, recorder, fine).unwrap(), scribe, path)
+        (
+            Session::start(of[i].clone(), Opened::new(Box::new(device)).unwrap(), haptics, recorder, fine)
+                .unwrap(),
+            scribe,
+            path,
+        )
     });
-    for (session, scribe, path) in sessions {
+    for ((session, scribe, path), other) in sessions.into_iter().zip([of[1].clone(), of[0].clone()]) {
         let report = session.join();
         let finished = scribe.finish(&report.end.to_string());
         assert!(finished.written == report.periods && finished.trouble.is_none());
         let mut recording = Recording::open(&path).unwrap();
-        let mut replay = Retrace::new(&body, Contact::new(&body));
+        let mut replay = Retrace::new(&*other, Contact::new(&body));
         let (mut steps, mut patches) = (0, 0);
         let mut last: Option<Record> = None;
         for record in &mut recording {
-            let Some(output) = replay.step(&record) else { continue };
+            let Some(output) = replay.step(&record).unwrap() else { continue };
             assert_eq!(output.force_n, record.force_n, "period {}", record.number);
             assert_eq!(output.contact.map_or(Record::NONE, |c| c.element), record.element);
             assert_eq!(output.energy.work_j.to_bits(), record.work_j.to_bits());

@@ -151,7 +151,7 @@ pub fn run(
             figures::PERIODS_UNDER_WAY
         );
     }
-    let (place, into) = intent.place(body)?;
+    let [place, into] = intent.place(body)?;
     let script = intent.script(into, body.tool().radius_m)?;
     let rests = script.rests();
     let seconds = seconds.unwrap_or(script.duration_s());
@@ -230,7 +230,7 @@ fn in_series(a: f64, b: f64) -> f64 {
 }
 
 /// K_max down to a depth: the table's, at the first knot as deep or deeper.
-pub(crate) fn stiffness_down_to(body: &Body, depth: f64) -> f64 {
+fn stiffness_down_to(body: &Body, depth: f64) -> f64 {
     let table = stiffness_max(body);
     let at = table.iter().find(|s| s.depth_m >= depth).or(table.last());
     at.map_or(0.0, |s| s.value)

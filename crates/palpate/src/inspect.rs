@@ -186,24 +186,60 @@ pub fn principals(body: &Body) -> impl Iterator<Item = Principal> + '_ {
     tensors.iter().zip(body.nodes()).map(|(a, node)| Principal::of(a, node.inward))
 }
 
+/// The greatest stiffnesses met so far.
+#[derive(Debug, Default)]
+pub struct Stiffest {
+    /// Of the normal curves up to each depth knot, N/m.
+    normal: Vec<f64>,
+    /// Of the lateral curves, N/m.
+    lateral: f64,
+    /// How many times that the stiffest direction has; 0 where there are no tensors.
+    ratio: f64,
+}
+
+impl Stiffest {
+    fn of(body: &Body) -> Self {
+        let mut stiffest = Stiffest::default();
+        body.curves().iter().for_each(|r| stiffest.meet(r));
+        principals(body).for_each(|p| stiffest.turn(&p));
+        stiffest
+    }
+
+    /// Adds a test point.
+    pub fn meet(&mut self, response: &Response) {
+        let slopes = greatest_slopes(&response.normal);
+        self.normal.resize(slopes.len(), 0.0);
+        self.normal.iter_mut().zip(slopes).for_each(|(most, slope)| *most = most.max(slope));
+        self.lateral = greatest_slopes(&response.lateral).into_iter().fold(self.lateral, f64::max);
+    }
+
+    /// Adds a node's directions. A mix of tensors has no eigenvalue above all of theirs.
+    pub fn turn(&mut self, principal: &Principal) {
+        self.ratio = self.ratio.max(principal.values[0]);
+    }
+
+    /// In stick, along the surface.
+    pub fn aside(&self) -> f64 {
+        self.lateral * self.ratio.max(1.0)
+    }
+
+    /// In stick, at any depth.
+    pub fn anywhere(&self) -> f64 {
+        self.normal.last().copied().unwrap_or_default().max(self.aside())
+    }
+}
+
 /// The greatest lateral stiffness in stick, N/m.
 pub fn stiffness_aside(body: &Body) -> f64 {
-    let lateral = body.curves().iter().flat_map(|r| greatest_slopes(&r.lateral)).fold(0.0, f64::max);
-    // A mix of tensors has no eigenvalue above all of theirs.
-    lateral * principals(body).map(|p| p.values[0]).fold(1.0, f64::max)
+    Stiffest::of(body).aside()
 }
 
 /// K_max at each depth knot.
 pub fn stiffness_max(body: &Body) -> Vec<StiffnessAt> {
-    let lateral = stiffness_aside(body);
-    let depths = body.responses().depth_knots().values();
-    let mut greatest = vec![lateral; depths.len()];
-    for response in body.curves() {
-        for (so_far, slope) in greatest.iter_mut().zip(greatest_slopes(&response.normal)) {
-            *so_far = so_far.max(slope);
-        }
-    }
-    depths.iter().zip(greatest).map(|(&depth_m, value)| StiffnessAt { depth_m, value }).collect()
+    let stiffest = Stiffest::of(body);
+    let aside = stiffest.aside();
+    let depths = body.responses().depth_knots().values().iter();
+    depths.zip(stiffest.normal).map(|(&depth_m, k)| StiffnessAt { depth_m, value: k.max(aside) }).collect()
 }
 
 /// The greatest slope from 0 up to each knot, to its right included.

@@ -4,7 +4,7 @@ use crate::files;
 use crate::spec::source::{Row, Source};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
-use palpate_body::{Body, SurfacePoint};
+use palpate_body::{Body, BodySource, Extent};
 use palpate_device::simulated::figures::{self, Allowed};
 use palpate_device::simulated::{Hand, Move, Script};
 use palpate_device::{Capabilities, Figure};
@@ -284,11 +284,10 @@ impl Intent {
     /// Where on `body` it begins: the surface point, m, and the direction into the body there.
     ///
     /// # Errors
-    /// The body has no surface to touch, which no body has.
-    pub fn place(&self, body: &Body) -> Result<(DVec3, DVec3)> {
-        let near = self.at_m.unwrap_or_else(|| top(body));
-        let nearest = body.nearest(near, f64::INFINITY).ok_or_else(|| anyhow!("the body has no surface"))?;
-        Ok((body.point(nearest.at), inward(body, nearest.at)))
+    /// The body has no surface to touch, which no body has; its file can't be read.
+    pub fn place(&self, body: &dyn BodySource) -> Result<[DVec3; 2]> {
+        let near = self.at_m.map_or_else(|| top(body), Ok)?;
+        Ok(body.nearest(near)?)
     }
 
     /// The moves at this place, seen from it.
@@ -368,20 +367,13 @@ fn built_in(name: &str, depth_m: f64) -> Option<Vec<Move>> {
 }
 
 /// What lies first on the way down through the body's middle; where it is open there, on a way in from the side.
-pub(crate) fn top(body: &Body) -> DVec3 {
-    let nodes = || body.nodes().iter().map(|n| n.position);
-    let middle = nodes().sum::<DVec3>() / body.nodes().len().max(1) as f64;
-    let far = nodes().map(|p| p.distance(middle)).fold(0.0, f64::max) + 1e-3;
-    let seen = |from: DVec3| {
-        body.first_touch(middle + from * far, middle - from * far, 0.0).map(|touch| body.point(touch.at))
-    };
-    let highest = || nodes().max_by(|a, b| a.z.total_cmp(&b.z)).unwrap_or_default();
-    [DVec3::Z, DVec3::X, DVec3::Y, -DVec3::X, -DVec3::Y].into_iter().find_map(seen).unwrap_or_else(highest)
-}
-
-/// û at a surface point.
-fn inward(body: &Body, at: SurfacePoint) -> DVec3 {
-    let nodes = body.element_nodes(at.element);
-    let sum: DVec3 = nodes.iter().zip(at.n).map(|(node, n)| node.inward * n).sum();
-    sum.normalize()
+pub(crate) fn top(body: &dyn BodySource) -> Result<DVec3> {
+    let Extent { middle, radius_m, highest } = body.extent();
+    let far = radius_m + 1e-3;
+    for from in [DVec3::Z, DVec3::X, DVec3::Y, -DVec3::X, -DVec3::Y] {
+        if let Some(touched) = body.first_touch(middle + from * far, middle - from * far)? {
+            return Ok(touched);
+        }
+    }
+    Ok(highest)
 }

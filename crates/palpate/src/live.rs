@@ -1,17 +1,19 @@
 //! Loops against the clock: devices as the command line names them, their sessions on one body, and what they tell.
 
+use crate::inspect::Stiffest;
 use crate::intent::Intent;
 use crate::path;
 use crate::{console, files};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
-use palpate_body::{Body, SlipRule};
+use palpate_body::tensor::Principal;
+use palpate_body::{Body, BodyError, BodySource, SlipRule, StoredBody};
 use palpate_device::simulated::{Hand, Intent as _, figures};
 use palpate_device::{Capabilities, Device, Replay, ReplaySample, Simulated};
 use palpate_engine::{Ablation, Contact};
 use palpate_runtime::{
-    BodyFile, Coupling, End, Finished, HapticLoop, Header, Recording, RecordingFile, Report, Safety, Scribe,
-    Session, Settings, StageFlags, Summary, WorkspaceMap, ring,
+    BodyFile, Coupling, End, Finished, HapticLoop, Header, Opened, Recording, RecordingFile, Report, Safety,
+    Scribe, Session, Settings, StageFlags, Summary, WorkspaceMap, ring,
 };
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -27,6 +29,30 @@ const RING_S: f64 = 2.0;
 const TOLD_EVERY: Duration = Duration::from_secs(1);
 /// Between two looks at the sessions.
 const PAUSE: Duration = Duration::from_millis(20);
+/// From so many elements on a body stays in its file unless something else is said: opened into memory it would take seconds,
+/// and some 200 MB a million.
+const STORED_FROM: usize = 1 << 20;
+
+/// Where a body is while loops run on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum BodyIn {
+    /// All of it in memory.
+    Memory,
+    /// In its file, of which patches are read.
+    File,
+}
+
+/// The body at `path`, for contacts that slip by this rule or else the body's own.
+///
+/// # Errors
+/// As [`Body::open`].
+pub fn open_body(path: &Path, slip: Option<SlipRule>, place: Option<BodyIn>) -> Result<Arc<dyn BodySource>> {
+    let stored = match place {
+        Some(place) => place == BodyIn::File,
+        None => StoredBody::count_elements(path)? >= STORED_FROM,
+    };
+    Ok(if stored { Arc::new(StoredBody::open(path, slip)?) } else { Arc::new(Body::open(path)?) })
+}
 
 /// A device that is to be opened, and how it goes with the body.
 pub struct Hold {
@@ -111,12 +137,17 @@ struct Live<'a> {
 ///
 /// # Errors
 /// The intent does not go on this body; a device or hand that can't be simulated.
-pub fn simulated(body: &Body, mut capabilities: Capabilities, hand: Hand, intent: &Intent) -> Result<Hold> {
+pub fn simulated(
+    body: &dyn BodySource,
+    mut capabilities: Capabilities,
+    hand: Hand,
+    intent: &Intent,
+) -> Result<Hold> {
     intent.adjust(&mut capabilities);
     let hand = intent.hand.unwrap_or(hand);
     figures::check(&capabilities, &hand).map_err(|e| anyhow!("{} in this hand: {e}", capabilities.name))?;
-    let (place, into) = intent.place(body)?;
-    let script = intent.script(into, body.tool().radius_m)?;
+    let [place, into] = intent.place(body)?;
+    let script = intent.script(into, body.outline().tool().radius_m)?;
     let seconds = Some(script.duration_s());
     let map = Some(WorkspaceMap { offset_m: place, ..WorkspaceMap::default() });
     Ok(Hold {
@@ -181,7 +212,7 @@ struct Running {
 ///
 /// # Errors
 /// What can't be begun: a device, a recording, a setting. Everything that was begun is ended then.
-pub fn run(body: &Arc<Body>, holds: Vec<Hold>, plan: &Plan) -> Result<Vec<(Told, End)>> {
+pub fn run(body: &Arc<dyn BodySource>, holds: Vec<Hold>, plan: &Plan) -> Result<Vec<(Told, End)>> {
     let stop = signals()?;
     let count = holds.len();
     let mut running = Vec::new();
@@ -227,11 +258,12 @@ fn signals() -> Result<&'static AtomicBool> {
     Ok(&STOP)
 }
 
-fn begin(body: &Arc<Body>, hold: Hold, plan: &Plan, record: Option<&PathBuf>) -> Result<Running> {
+fn begin(body: &Arc<dyn BodySource>, hold: Hold, plan: &Plan, record: Option<&PathBuf>) -> Result<Running> {
     let Plan { settings, safety, coupling_n_per_m, ablation, place, .. } = plan;
-    let Hold { mut device, map, seconds, is_replay } = hold;
-    // What it can do is known once it is open; to open it twice is allowed, and costs a moment.
-    let opened = if map.is_none() { Some(first_pose(&mut *device)?) } else { None };
+    let Hold { device, map, seconds, is_replay } = hold;
+    // A device is not kept waiting for that.
+    let sha256 = record.map(|_| files::sha256(&plan.body)).transpose()?.unwrap_or_default();
+    let mut device = Opened::new(device)?;
     let name = device.capabilities().name.to_string();
     let mut safety = *safety;
     if is_replay {
@@ -239,34 +271,34 @@ fn begin(body: &Arc<Body>, hold: Hold, plan: &Plan, record: Option<&PathBuf>) ->
         safety = Safety { force_max_n: safety.force_max_n.or(Some(1e3)), soft_start_s: 0.0, ..safety };
     }
     let mut stages = safety.stages(device.capabilities(), settings.rate_hz)?;
-    stages.coupling = coupling_n_per_m
-        .map(|k| Coupling::new(k, crate::closed_loop::stiffness_down_to(body, f64::INFINITY)));
-    let map = place.over(map, opened, body).checked(device.capabilities())?;
-    let rule = plan.slip.unwrap_or(body.slip());
-    let haptics = HapticLoop::new(Contact::with_slip(body, rule, *ablation), map, stages);
-    let (recorder, records) = ring((RING_S * settings.rate_hz) as usize);
-    let header = || -> Result<Header> {
-        Ok(Header {
-            program: concat!("palpate ", env!("CARGO_PKG_VERSION")).into(),
-            began_unix_s: SystemTime::now()
-                .duration_since(SystemTime::UNIX_EPOCH)
-                .map_or(0.0, |t| t.as_secs_f64()),
-            rate_hz: settings.rate_hz,
-            body: BodyFile {
-                name: plan.body.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
-                sha256: files::sha256(&plan.body)?,
-            },
-            slip: rule.name().into(),
-            ablation: ablation_name(*ablation).into(),
-            device: name.clone(),
-            safety: Some(safety),
-            coupling_n_per_m: *coupling_n_per_m,
-            map: map.into(),
-        })
+    stages.coupling =
+        coupling_n_per_m.map(|k| Ok::<_, BodyError>(Coupling::new(k, stiffest(&**body)?))).transpose()?;
+    let map = match map {
+        Some(map) => place.over(map),
+        None => place.above_top(&mut device, &**body)?,
     };
-    let file = record
-        .map(|path| Ok::<_, anyhow::Error>(RecordingFile::create(path, false, &header()?)?))
-        .transpose()?;
+    let map = map.checked(device.capabilities())?;
+    let rule = plan.slip.unwrap_or(body.outline().slip());
+    let haptics = HapticLoop::new(Contact::with_slip(body.outline(), rule, *ablation), map, stages);
+    let (recorder, records) = ring((RING_S * settings.rate_hz) as usize);
+    let header = || Header {
+        program: concat!("palpate ", env!("CARGO_PKG_VERSION")).into(),
+        began_unix_s: SystemTime::now()
+            .duration_since(SystemTime::UNIX_EPOCH)
+            .map_or(0.0, |t| t.as_secs_f64()),
+        rate_hz: settings.rate_hz,
+        body: BodyFile {
+            name: plan.body.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
+            sha256,
+        },
+        slip: rule.name().into(),
+        ablation: ablation_name(*ablation).into(),
+        device: name.clone(),
+        safety: Some(safety),
+        coupling_n_per_m: *coupling_n_per_m,
+        map: map.into(),
+    };
+    let file = record.map(|path| RecordingFile::create(path, false, &header())).transpose()?;
     let scribe = Scribe::start(records, file, settings.rate_hz)?;
     let mut settings = *settings;
     settings.seconds = settings.seconds.or(seconds);
@@ -277,9 +309,16 @@ fn begin(body: &Arc<Body>, hold: Hold, plan: &Plan, record: Option<&PathBuf>) ->
     Ok(Running { session: Some(session), scribe, device: name })
 }
 
-/// Where the handle is as the device is opened.
-fn first_pose(device: &mut dyn Device) -> Result<DVec3> {
-    device.open()?;
+/// K_max at any depth, N/m.
+fn stiffest(body: &dyn BodySource) -> palpate_body::Result<f64> {
+    let mut stiffest = Stiffest::default();
+    body.each_response(&mut |r| stiffest.meet(r))?;
+    body.each_tensor(&mut |a, u| stiffest.turn(&Principal::of(a, u)))?;
+    Ok(stiffest.anywhere())
+}
+
+/// Where the handle is.
+fn first_place(device: &mut Opened) -> Result<DVec3> {
     let mut sample = device.read(0.0);
     for _ in 0..200 {
         // Some take a moment to their first pose.
@@ -289,29 +328,33 @@ fn first_pose(device: &mut dyn Device) -> Result<DVec3> {
         std::thread::sleep(Duration::from_millis(5));
         sample = device.read(0.0);
     }
-    let words = sample.map_err(|fault| device.explain(fault));
-    device.close();
-    let sample = words.map_err(|words| {
-        anyhow!("{}: {words}; check that it is on and homed, and start again", device.capabilities().name)
+    let sample = sample.map_err(|fault| {
+        let (name, words) = (device.capabilities().name.clone(), device.explain(fault));
+        anyhow!("{name}: {words}; check that it is on and homed, and start again")
     })?;
     Ok(DVec3::from_array(sample.pose.position_m))
 }
 
 impl Place {
-    /// The given parts over `map`; without one, the handle's first place is put above the body's top.
-    fn over(&self, map: Option<WorkspaceMap>, first: Option<DVec3>, body: &Body) -> WorkspaceMap {
-        let mut over = map.unwrap_or_default();
+    /// The given parts over `map`.
+    fn over(&self, mut map: WorkspaceMap) -> WorkspaceMap {
         if let Some([w, x, y, z]) = self.rotation {
-            over.rotation = glam::DQuat::from_xyzw(x, y, z, w);
+            map.rotation = glam::DQuat::from_xyzw(x, y, z, w);
         }
-        over.scale = self.scale.unwrap_or(over.scale);
-        over.clutch = self.clutch.or(over.clutch);
-        if let Some(first) = first {
-            let above = crate::intent::top(body) + DVec3::Z * (ABOVE + body.tool().radius_m);
-            over.offset_m = above - over.rotation * first * over.scale;
+        map.scale = self.scale.unwrap_or(map.scale);
+        map.clutch = self.clutch.or(map.clutch);
+        map.offset_m = self.offset_m.unwrap_or(map.offset_m);
+        map
+    }
+
+    /// The given parts; if the offset is not among them, the handle's present place is put above the body's top.
+    fn above_top(&self, device: &mut Opened, body: &dyn BodySource) -> Result<WorkspaceMap> {
+        let mut map = self.over(WorkspaceMap::default());
+        if self.offset_m.is_none() {
+            let above = crate::intent::top(body)? + DVec3::Z * (ABOVE + body.outline().tool().radius_m);
+            map.offset_m = above - map.rotation * first_place(device)? * map.scale;
         }
-        over.offset_m = self.offset_m.unwrap_or(over.offset_m);
-        over
+        Ok(map)
     }
 }
 

@@ -2,13 +2,13 @@
 
 use super::Record;
 use crate::ground::ready;
-use palpate_body::{Body, Patch};
+use palpate_body::{Body, BodyError, BodySource, Patch, Result};
 use palpate_engine::{Contact, Output};
 
 /// Steps a contact through a recording's poses, on the patches that the loop had: the same bits come out.
 #[derive(Debug)]
 pub struct Retrace<'a> {
-    body: &'a Body,
+    body: &'a dyn BodySource,
     contact: Contact,
     /// The patch and its serial.
     patch: Option<(u64, Patch)>,
@@ -16,7 +16,7 @@ pub struct Retrace<'a> {
 
 impl<'a> Retrace<'a> {
     /// `contact` must be as the loop's was: new, with its slip rule and ablation.
-    pub fn new(body: &'a Body, contact: Contact) -> Self {
+    pub fn new(body: &'a dyn BodySource, contact: Contact) -> Self {
         Retrace { body, contact, patch: None }
     }
 
@@ -27,36 +27,48 @@ impl<'a> Retrace<'a> {
 
     /// What the last step was on: a patch, or the whole body.
     pub fn ground(&self) -> &Body {
-        self.patch.as_ref().map_or(self.body, |(_, patch)| patch.body())
+        self.patch.as_ref().map_or(self.body.outline(), |(_, patch)| patch.body())
     }
 
     /// The engine's answer in the period of `record`, with its element numbered in the whole body; `None` if the engine was
     /// not asked then.
-    pub fn step(&mut self, record: &Record) -> Option<Output> {
-        self.go_over(record);
-        let pose = record.tool()?;
-        let Some((_, patch)) = &self.patch else { return Some(self.contact.step(self.body, &pose)) };
+    ///
+    /// # Errors
+    /// The body's file can't be read; it stays in its file, and the record is of a loop on the whole body.
+    pub fn step(&mut self, record: &Record) -> Result<Option<Output>> {
+        self.go_over(record)?;
+        let Some(pose) = record.tool() else { return Ok(None) };
+        let Some((_, patch)) = &self.patch else {
+            let whole = self.body.outline();
+            if whole.elements().is_empty() {
+                let problem = "its steps were on a whole body, which is not in memory";
+                return Err(BodyError::invalid("recording", problem, "open the body with Body::open"));
+            }
+            return Ok(Some(self.contact.step(whole, &pose)));
+        };
         // As the loop did: what came from beyond the patch is forgotten.
         ready(patch, &mut self.contact, &pose);
         let mut output = self.contact.step(patch.body(), &pose);
         if let Some(contact) = &mut output.contact {
             contact.element = patch.global(contact.element);
         }
-        Some(output)
+        Ok(Some(output))
     }
 
     /// To the patch that the period had, if it is another.
-    fn go_over(&mut self, record: &Record) {
+    fn go_over(&mut self, record: &Record) -> Result<()> {
         if record.patch_serial == 0
             || self.patch.as_ref().is_some_and(|(serial, _)| *serial == record.patch_serial)
         {
-            return;
+            return Ok(());
         }
-        let next = Patch::new(self.body, record.patch_centre_m, record.patch_count as usize);
+        let mut next = self.body.patch();
+        self.body.take(&mut next, record.patch_centre_m, record.patch_count as usize)?;
         let from = |e: u32| self.patch.as_ref().map_or(e, |(_, patch)| patch.global(e));
         if !self.contact.renumber(|e| next.local(from(e))) {
             self.contact.forget();
         }
         self.patch = Some((record.patch_serial, next));
+        Ok(())
     }
 }

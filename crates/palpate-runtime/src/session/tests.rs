@@ -2,9 +2,9 @@ use super::*;
 use crate::{Patience, Safety, WorkspaceMap, ring};
 use glam::DVec3;
 use palpate_body::shape::{Resolution, Shape};
-use palpate_body::{BodyParts, NodeMix, Provenance, Response, SlipRule, Tool};
+use palpate_body::{Body, BodyParts, NodeMix, Provenance, Response, SlipRule, Tool};
 use palpate_device::simulated::{Move, Script};
-use palpate_device::{Capabilities, Sample, Simulated, presets};
+use palpate_device::{Capabilities, OpenError, Sample, Simulated, presets};
 use palpate_engine::Contact;
 use std::sync::Mutex;
 
@@ -93,13 +93,15 @@ fn a_finder_that_panics_in_mid_press_ends_the_loop_in_time() {
     let watched = calls.clone();
     let find = move |mut finder: Finder, _: &Shared, pause: Duration| {
         while watched.lock().unwrap().last().map_or(0.0, force) < 0.5 {
-            finder.look();
+            finder.look().unwrap();
             thread::sleep(pause);
         }
         panic!("the finder has a bug");
     };
     let report =
-        Session::start_with(body, Box::new(device), haptics, recorder, settings, find).unwrap().join();
+        Session::start_with(body, Opened::new(Box::new(device)).unwrap(), haptics, recorder, settings, find)
+            .unwrap()
+            .join();
     assert_eq!(report.end, End::FinderDead);
     assert!(!report.end.is_well());
     let calls = calls.lock().unwrap();

@@ -3,18 +3,17 @@
 use super::Failure;
 use super::run::{Args, DeviceName};
 use crate::intent::Intent;
-use crate::live::{self, Hold, Place, Plan};
+use crate::live::{self, BodyIn, Hold, Place, Plan};
 use crate::{console, files};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
-use palpate_body::Body;
+use palpate_body::BodySource;
 use palpate_device::{
     Dhd, DhdOptions, Haply, HaplyForceKey, HaplyOptions, OpenHaptics, OpenHapticsOptions, presets,
 };
 use palpate_engine::Ablation;
 use palpate_runtime::{Safety, Settings};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// Options of a loop against the clock.
 #[derive(Debug, clap::Args)]
@@ -60,6 +59,10 @@ pub struct LiveArgs {
     /// Elements of the patch that the haptic thread works on
     #[arg(long, value_name = "N", default_value_t = palpate_runtime::PATCH_ELEMENTS)]
     patch_elements: usize,
+    /// Where the body is: all of it in memory, or in its file, of which patches are read [default: in its file from 1,048,576
+    /// triangles on]
+    #[arg(long, value_enum, value_name = "WHERE")]
+    body_in: Option<BodyIn>,
     /// The vendor's library, where it is not found by its usual names
     #[arg(long, value_name = "FILE")]
     device_library: Option<PathBuf>,
@@ -92,8 +95,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let inputs: Vec<&Path> = inputs.chain([args.body.as_path()]).collect();
     files::refuse_overwrite(&args.record.iter().collect::<Vec<_>>(), &inputs)?;
     let plan = plan(args)?;
-    let body = Arc::new(Body::open(&args.body)?);
-    let holds = args.device.iter().map(|device| hold(args, device, &body)).collect::<Result<Vec<_>>>()?;
+    let body = live::open_body(&args.body, plan.slip, args.live.body_in)?;
+    let holds = args.device.iter().map(|device| hold(args, device, &*body)).collect::<Result<Vec<_>>>()?;
     let told = live::run(&body, holds, &plan)?;
     for (told, _) in &told {
         if args.json {
@@ -174,7 +177,7 @@ fn plan(args: &Args) -> Result<Plan> {
     })
 }
 
-fn hold(args: &Args, device: &DeviceName, body: &Body) -> Result<Hold> {
+fn hold(args: &Args, device: &DeviceName, body: &dyn BodySource) -> Result<Hold> {
     let live = &args.live;
     let library = live.device_library.clone();
     let real = |device| Hold { device, map: None, seconds: None, is_replay: false };
@@ -186,7 +189,7 @@ fn hold(args: &Args, device: &DeviceName, body: &Body) -> Result<Hold> {
             })?;
             let (hand, _) = presets::hand(&args.hand)
                 .ok_or_else(|| anyhow!("--hand {}: give one of {}", args.hand, presets::HANDS.join(", ")))?;
-            live::simulated(body, capabilities, hand, &Intent::find(&args.intent, body)?)?
+            live::simulated(body, capabilities, hand, &Intent::find(&args.intent, body.outline())?)?
         }
         DeviceName::Replay(file) => live::replay(file, args.rate_hz)?,
         DeviceName::Dhd(index) => {

@@ -57,11 +57,11 @@ pub struct Args {
 /// See [`Failure`].
 pub fn run(args: &Args) -> Result<(), Failure> {
     files::refuse_overwrite(&[&args.output], &[&args.body, &args.path])?;
-    let body = Body::open(&args.body)?;
     let recorded = live::is_recording(&args.path)?;
     if recorded && args.slip.is_none() && args.ablate.is_none() && args.rate_hz.is_none() {
-        return retrace(args, &body);
+        return retrace(args);
     }
+    let body = Body::open(&args.body)?;
     let mut waypoints = if recorded { poses(args)? } else { path::read(&args.path)? };
     if let Some(rate_hz) = args.rate_hz {
         waypoints = path::resample(&waypoints, rate_hz)?;
@@ -109,7 +109,7 @@ fn poses(args: &Args) -> anyhow::Result<Vec<Waypoint>> {
 }
 
 /// The engine's steps of a recording once more, compared with what was recorded.
-fn retrace(args: &Args, body: &Body) -> Result<(), Failure> {
+fn retrace(args: &Args) -> Result<(), Failure> {
     let mut recording = Recording::open(&args.path)?;
     let header = recording.header().clone();
     let name = args.path.display();
@@ -130,7 +130,8 @@ fn retrace(args: &Args, body: &Body) -> Result<(), Failure> {
             anyhow!("{name}: it names a slip rule or ablation that this version does not know").into()
         );
     };
-    let mut again = Retrace::new(body, Contact::with_slip(body, rule, ablation));
+    let body = live::open_body(&args.body, Some(rule), None)?;
+    let mut again = Retrace::new(&*body, Contact::with_slip(body.outline(), rule, ablation));
     let mut summary = Summary::default();
     let (mut differ, mut first, mut number, mut missing) = (0u64, None, None, 0u64);
     files::replace_or_stream(&args.output, |out| {
@@ -138,7 +139,7 @@ fn retrace(args: &Args, body: &Body) -> Result<(), Failure> {
         for record in &mut recording {
             missing += number.map_or(0, |n: u64| record.number.saturating_sub(n + 1));
             number = Some(record.number);
-            let (Some(output), Some(pose)) = (again.step(&record), record.tool()) else { continue };
+            let (Some(output), Some(pose)) = (again.step(&record)?, record.tool()) else { continue };
             let waypoint = Waypoint { time_s: record.time_s, pose };
             write_row(out, &waypoint, &output)?;
             summary.add(again.ground(), again.contact(), &waypoint, &output);
