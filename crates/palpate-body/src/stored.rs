@@ -8,7 +8,8 @@
 //! memory is the system's cache, which it gives up when memory is short.
 
 use crate::body::{
-    Body, Node, NodeMix, SlipRule, Tool, border_nodes, check_mix, check_surface, check_test_points, creased,
+    Body, Node, NodeMix, Provenance, SlipRule, Tool, border_nodes, check_mix, check_surface,
+    check_test_points, creased,
 };
 use crate::error::{BodyError, Result};
 use crate::file::{CURVES, File, SharedKnots, mapped};
@@ -144,6 +145,7 @@ impl StoredBody {
         };
         let responses = Responses::new(&[first?])?.without_points();
 
+        parsed.json("provenance", serde_json::from_str::<Provenance>)?;
         let own = parsed.slip()?;
         let gradients = slip.unwrap_or(own) == SlipRule::Consistent;
         if gradients {
@@ -347,7 +349,7 @@ impl BodySource for StoredBody {
     fn take(&self, patch: &mut Patch, centre: [f64; 3], count: usize) -> Result<()> {
         patch.choose(&self.search, centre, count);
         let whole = patch.numbers_mut().clone();
-        let (excerpt, numbers) = self.excerpt(&whole)?;
+        let (excerpt, numbers) = self.excerpt(&whole).map_err(|e| e.in_file(&self.path))?;
         // What was read is what was checked, as far as a file's length and time tell.
         if Stamp::of(&self.file).map_err(|e| self.changed(e))? != self.stamp {
             let problem = "it was changed while it was in use";

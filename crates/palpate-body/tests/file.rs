@@ -4,8 +4,8 @@
 
 use glam::DVec3;
 use palpate_body::{
-    Body, BodyParts, Curve, Extension, Interpolation, NodeMix, PointErrors, Provenance, Response, SlipRule,
-    Surface, Tensor, Tool, TriangleMesh, tensor,
+    Body, BodyParts, BodySource, Curve, Extension, Interpolation, NodeMix, PointErrors, Provenance, Response,
+    SlipRule, StoredBody, Surface, Tensor, Tool, TriangleMesh, tensor,
 };
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -449,6 +449,8 @@ fn no_damage_gets_in() {
     let originals = bodies().map(|b| b.to_bytes().unwrap());
     let mut random = Random(0x9E37_79B9_7F4A_7C15);
     let mut accepted = 0;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.body");
     for round in 0..100_000 {
         let mut bytes = originals[round % 4].clone();
         for _ in 0..1 + random.below(3) {
@@ -456,7 +458,23 @@ fn no_damage_gets_in() {
                 mutate(&mut bytes, &mut random);
             }
         }
-        if let Ok(body) = Body::from_bytes(&bytes) {
+        let body = Body::from_bytes(&bytes);
+        if round % 23 < 4 {
+            // Nor where the body stays in its file.
+            std::fs::write(&path, &bytes).unwrap();
+            match (&body, StoredBody::open(&path, Some(SlipRule::Paper))) {
+                (Ok(body), Ok(stored)) => {
+                    let mut patch = stored.patch();
+                    stored.take(&mut patch, [0.0; 3], 5).unwrap();
+                    let same = palpate_body::Patch::new(body, [0.0; 3], 5);
+                    assert_eq!(patch.body(), same.body(), "round {round}");
+                }
+                (Err(_), Err(_)) => {}
+                (_, Err(e)) => assert!(e.to_string().contains("aligned"), "round {round}: {e}"),
+                (Err(e), _) => panic!("round {round}: {e}"),
+            }
+        }
+        if let Ok(body) = body {
             accepted += 1;
             let written = body.to_bytes().unwrap();
             assert_eq!(Body::from_bytes(&written).unwrap(), body, "round {round}");
@@ -465,6 +483,87 @@ fn no_damage_gets_in() {
     println!("{accepted} of 100,000 damaged files were sound, the largest block had {} bytes", LARGEST.get());
     assert!(accepted < 30_000, "{accepted} of 100,000 damaged files were taken for sound");
     assert!(LARGEST.get() < 1 << 20, "a damaged file made the reader ask for too much memory");
+}
+
+#[test]
+fn damage_while_it_is_in_use_is_an_error_or_another_patch() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.body");
+    let mut random = Random(0x2545_F491_4F6C_DD1D);
+    let (mut refused, mut taken) = (0, 0);
+    for (round, body) in (0..4000).zip(bodies().iter().cycle()) {
+        let sound = body.to_bytes().unwrap();
+        std::fs::write(&path, &sound).unwrap();
+        let stored = StoredBody::open(&path, Some(SlipRule::Consistent)).unwrap();
+        let mut patch = stored.patch();
+        stored.take(&mut patch, [0.0; 3], 5).unwrap();
+
+        let mut bytes = sound.clone();
+        for _ in 0..3 {
+            mutate(&mut bytes, &mut random);
+            bytes.resize(sound.len(), 0);
+        }
+        let file = std::fs::File::options().write(true).open(&path).unwrap();
+        let before = file.metadata().unwrap().modified().unwrap();
+        std::io::Write::write_all(&mut &file, &bytes).unwrap();
+        // As if nothing had happened: the worst that can.
+        file.set_modified(before).unwrap();
+        match stored.take(&mut patch, [0.0; 3], 5) {
+            Ok(()) => taken += 1,
+            Err(e) => {
+                refused += 1;
+                assert!(e.to_string().contains("x.body"), "round {round}: {e}");
+            }
+        }
+    }
+    assert!(refused > 200 && taken > 200, "{refused} {taken}");
+}
+
+#[test]
+fn a_body_that_cant_stay_in_its_file_says_why() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.body");
+    let refused = |bytes: &[u8], slip: Option<SlipRule>, words: &[&str]| {
+        std::fs::write(&path, bytes).unwrap();
+        Body::open(&path).unwrap();
+        let message = StoredBody::open(&path, slip).unwrap_err().to_string();
+        assert!(words.iter().all(|w| message.contains(w)) && message.contains("x.body"), "{message}");
+    };
+    let bytes = body(&cube(), 0.5, 4).to_bytes().unwrap();
+    assert_eq!(bytes.len() % 8, 0);
+    refused(&with_header(&bytes, "repaired", "mended"), None, &["tensor `", "not aligned", "in memory"]);
+
+    // Two squares that share a corner, and one node there for both.
+    let mut squares = plane(2, 2);
+    squares.triangles = [0, 1, 6, 7].map(|t| squares.triangles[t]).to_vec();
+    let used = |v: &u32| squares.triangles.iter().any(|t| t.contains(v));
+    let kept: Vec<u32> = (0..9).filter(used).collect();
+    squares.positions = kept.iter().map(|&v| squares.positions[v as usize]).collect();
+    let renumbered = |v| kept.iter().position(|&k| k == v).unwrap() as u32;
+    squares.triangles = squares.triangles.iter().map(|t| t.map(renumbered)).collect();
+    let apart = body(&squares, 0.5, 2);
+    assert_eq!((apart.nodes().len(), apart.vertex_count()), (8, 7));
+    StoredBody::open(
+        {
+            apart.save(&path).unwrap();
+            &path
+        },
+        Some(SlipRule::Consistent),
+    )
+    .unwrap();
+    let mut bytes = apart.to_bytes().unwrap();
+    let elements: Vec<u8> =
+        apart.elements().iter().flat_map(|e| e.nodes).flat_map(u32::to_le_bytes).collect();
+    let at = bytes.windows(elements.len()).position(|w| w == elements).unwrap();
+    let shared = apart.elements()[0].nodes.iter().chain(&apart.elements()[1].nodes);
+    let shared =
+        *shared.max_by_key(|n| (apart.nodes()[**n as usize].position.length() * 1e6) as u64).unwrap();
+    for number in bytes[at..at + elements.len()].chunks_exact_mut(4).filter(|n| **n == 7u32.to_le_bytes()) {
+        number.copy_from_slice(&shared.to_le_bytes());
+    }
+    let place = format!("node {shared}");
+    refused(&bytes, Some(SlipRule::Consistent), &[&place, "no edge joins", "in memory"]);
+    StoredBody::open(&path, None).unwrap();
 }
 
 /// Run with `--ignored --nocapture`: time and memory of a large body.
@@ -484,7 +583,28 @@ fn five_million_elements() {
     };
     std::fs::write("/proc/self/clear_refs", "5").ok();
     let clock = std::time::Instant::now();
+    let stored = StoredBody::open(&path, Some(SlipRule::Consistent)).unwrap();
+    println!(
+        "left in its file after {:?}, {:?}, {:?}",
+        clock.elapsed(),
+        resident("VmHWM"),
+        resident("VmRSS")
+    );
+    let mut patch = stored.patch();
+    for (count, centre) in [8192, 8192, 1].into_iter().flat_map(|n| [(n, [0.1; 3]), (n, [0.9; 3])]) {
+        let clock = std::time::Instant::now();
+        stored.take(&mut patch, centre, count).unwrap();
+        println!("a patch of {count} elements read in {:?}", clock.elapsed());
+    }
+    std::fs::write("/proc/self/clear_refs", "5").ok();
+    let clock = std::time::Instant::now();
     let read = Body::open(&path).unwrap();
+    read.gradients();
     println!("opened in {:?}, {:?}, {:?}", clock.elapsed(), resident("VmHWM"), resident("VmRSS"));
+    for centre in [[0.1; 3], [0.9; 3]] {
+        let clock = std::time::Instant::now();
+        read.take(&mut patch, centre, 8192).unwrap();
+        println!("a patch of 8192 elements copied in {:?}", clock.elapsed());
+    }
     assert_eq!(read.curves().len(), 1000);
 }
