@@ -589,7 +589,7 @@ pub(crate) fn check_surface(
         return bad(format!("node {n}"), "it names a vertex that does not exist");
     }
     for (n, p) in positions.iter().enumerate() {
-        check_position(&format!("node {n}"), *p)?;
+        check_position("node", n, *p)?;
     }
     for (t, element) in elements.all().enumerate() {
         if element.nodes.iter().any(|&n| n as usize >= positions.len()) {

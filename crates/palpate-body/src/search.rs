@@ -136,13 +136,12 @@ impl Search {
         }
         let low = bounds.low.map(f64::from);
         let size = (0..3).map(|i| bounds.high[i] as f64 - low[i]).fold(1e-9, f64::max);
-        let key = |element: u32| {
+        let cell = |element: u32| {
             let corners = nodes(element as usize).map(|n| positions[n as usize]);
             let centre: DVec3 = corners.into_iter().sum::<DVec3>() / 3.0;
-            let cell = |i: usize| ((centre[i] - low[i]) / size * ((1u64 << 20) - 1) as f64) as u32;
-            hilbert([cell(0), cell(1), cell(2)])
+            [0, 1, 2].map(|i| ((centre[i] - low[i]) / size * ((1u64 << CELL_BITS) - 1) as f64) as u32)
         };
-        let order = sorted_by_key(count as u32, key);
+        let order = along_curve(count as u32, cell);
 
         let leaves = order.chunks(FANOUT).map(|group| {
             let mut b = Box3::EMPTY;
@@ -712,18 +711,18 @@ fn first_root(gap: DVec3, way: DVec3, radius: f64) -> Option<f64> {
     Some(c / (-b + discriminant.sqrt()))
 }
 
-/// Bits of a key along the curve.
-const KEY_BITS: u32 = 60;
-/// Of these, those that tell its bucket.
-const BUCKET_BITS: u32 = 15;
+/// Bits of an axis of the curve's cells, and those of them that tell which bucket a cell is in.
+const CELL_BITS: u32 = 20;
+const BUCKET_BITS: u32 = 5;
 
-/// The numbers below `count`, sorted by their key and then themselves: bucket by bucket, since beside a body that hardly fits
-/// into memory there is no room for all keys. Keys have [`KEY_BITS`].
-fn sorted_by_key(count: u32, key: impl Fn(u32) -> u64) -> Vec<u32> {
-    let bucket = |i: u32| (key(i) >> (KEY_BITS - BUCKET_BITS)) as usize;
-    let mut ends = vec![0u32; (1 << BUCKET_BITS) + 1];
+/// The numbers below `count` in the order in which their cells lie along the curve: bucket by bucket, since beside a body that
+/// hardly fits into memory there is no room for all keys.
+fn along_curve(count: u32, cell: impl Fn(u32) -> [u32; 3]) -> Vec<u32> {
+    const BUCKETS: usize = 1 << (3 * BUCKET_BITS);
+    let bucket = |i: u32| hilbert(cell(i).map(|x| x >> (CELL_BITS - BUCKET_BITS)), BUCKET_BITS) as usize;
+    let mut ends = vec![0u32; BUCKETS + 1];
     (0..count).for_each(|i| ends[bucket(i) + 1] += 1);
-    for b in 0..1 << BUCKET_BITS {
+    for b in 0..BUCKETS {
         ends[b + 1] += ends[b];
     }
     let starts = ends.clone();
@@ -737,17 +736,17 @@ fn sorted_by_key(count: u32, key: impl Fn(u32) -> u64) -> Vec<u32> {
     for bounds in starts.windows(2) {
         let numbers = &mut order[bounds[0] as usize..bounds[1] as usize];
         keyed.clear();
-        keyed.extend(numbers.iter().map(|&i| (key(i), i)));
+        keyed.extend(numbers.iter().map(|&i| (hilbert(cell(i), CELL_BITS), i)));
         keyed.sort_unstable();
         numbers.iter_mut().zip(&keyed).for_each(|(slot, (_, i))| *slot = *i);
     }
     order
 }
 
-/// Position along a 3-D Hilbert curve of 20 bits an axis (Skilling 2004).
-fn hilbert(mut x: [u32; 3]) -> u64 {
-    const BITS: u32 = KEY_BITS / 3;
-    let mut q = 1 << (BITS - 1);
+/// Position along a 3-D Hilbert curve of `bits` bits an axis, at most 21 (Skilling 2004). Its first digits are those of the
+/// curve of fewer bits.
+fn hilbert(mut x: [u32; 3], bits: u32) -> u64 {
+    let mut q = 1 << (bits - 1);
     while q > 1 {
         let p = q - 1;
         for i in 0..3 {
@@ -763,20 +762,49 @@ fn hilbert(mut x: [u32; 3]) -> u64 {
     }
     x[1] ^= x[0];
     x[2] ^= x[1];
-    let mut t = 0;
-    q = 1 << (BITS - 1);
-    while q > 1 {
-        if x[2] & q != 0 {
-            t ^= q - 1;
+    // Bit k of t: whether an odd number of the bits above it are set.
+    let mut t = x[2];
+    [1, 2, 4, 8, 16].iter().for_each(|shift| t ^= t >> shift);
+    let [a, b, c] = x.map(|v| spread(v ^ t >> 1));
+    a << 2 | b << 1 | c
+}
+
+/// Two zeros behind each of 21 bits.
+fn spread(v: u32) -> u64 {
+    let mut v = u64::from(v);
+    v = (v | v << 32) & 0x001f_0000_0000_ffff;
+    v = (v | v << 16) & 0x001f_0000_ff00_00ff;
+    v = (v | v << 8) & 0x100f_00f0_0f00_f00f;
+    v = (v | v << 4) & 0x10c3_0c30_c30c_30c3;
+    (v | v << 2) & 0x1249_2492_4924_9249
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_curve_goes_from_cell_to_neighbouring_cell_and_is_the_coarser_ones() {
+        let cells = || (0..16u32).flat_map(|x| (0..16).flat_map(move |y| (0..16).map(move |z| [x, y, z])));
+        let mut along: Vec<_> = cells().map(|cell| (hilbert(cell, 4), cell)).collect();
+        along.sort_unstable();
+        assert!(along.iter().enumerate().all(|(i, (key, _))| *key == i as u64));
+        for pair in along.windows(2) {
+            let apart: u32 = (0..3).map(|axis| pair[0].1[axis].abs_diff(pair[1].1[axis])).sum();
+            assert_eq!(apart, 1, "{pair:?}");
         }
-        q >>= 1;
+        let fine = |cell: [u32; 3]| cell.map(|x| x << 16 | (x.wrapping_mul(0x9E37) & 0xffff));
+        assert!(cells().all(|cell| hilbert(fine(cell), 20) >> 48 == hilbert(cell, 4)));
     }
-    let x = x.map(|v| v ^ t);
-    let mut key = 0u64;
-    for bit in (0..BITS).rev() {
-        for v in x {
-            key = key << 1 | u64::from(v >> bit & 1);
-        }
+
+    #[test]
+    fn the_order_is_that_of_all_keys() {
+        let cell = |i: u32| {
+            [7919, 104_729, 1_299_709].map(|p: u32| i.wrapping_mul(p).wrapping_mul(i) >> 12 & 0xfffff)
+        };
+        let mut keyed: Vec<_> = (0..5000).map(|i| (hilbert(cell(i), CELL_BITS), i)).collect();
+        keyed.sort_unstable();
+        assert!(keyed.iter().map(|(_, i)| *i).eq(along_curve(5000, cell)));
+        assert!(along_curve(0, cell).is_empty());
     }
-    key
 }

@@ -192,7 +192,7 @@ fn check_mesh(mesh: &TriangleMesh) -> Result<()> {
         return Err(BodyError::invalid("mesh", "more than 1.4 billion elements", "decimate it"));
     }
     for (v, p) in mesh.positions.iter().enumerate() {
-        check_position(&format!("vertex {v}"), *p)?;
+        check_position("vertex", v, *p)?;
     }
     for (t, triangle) in mesh.triangles.iter().enumerate() {
         if let Some(v) = triangle.iter().find(|&&v| v as usize >= mesh.positions.len()) {
@@ -222,12 +222,12 @@ pub(crate) fn check_fans(positions: &[DVec3], triangles: impl Iterator<Item = [u
     ))
 }
 
-pub(crate) fn check_position(place: &str, p: DVec3) -> Result<()> {
+pub(crate) fn check_position(what: &str, number: usize, p: DVec3) -> Result<()> {
     if p.is_finite() && p.abs().max_element() <= MAX_COORDINATE {
         return Ok(());
     }
     Err(BodyError::invalid(
-        place,
+        format!("{what} {number}"),
         format!("its coordinates ({}, {}, {}) m are not finite or beyond {MAX_COORDINATE} m", p.x, p.y, p.z),
         "mend the coordinate or the mesh's unit",
     ))

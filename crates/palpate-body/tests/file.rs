@@ -11,21 +11,34 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::path::Path;
 
-/// Remembers the largest block that this thread ever asked for.
+/// Remembers the largest block that this thread ever asked for, how much it holds, and held at most.
 struct Measuring;
 
 thread_local! {
     static LARGEST: Cell<usize> = const { Cell::new(0) };
+    static HELD: Cell<isize> = const { Cell::new(0) };
+    static PEAK: Cell<isize> = const { Cell::new(0) };
+}
+
+/// What `make` holds in the end and held at most, bytes.
+fn memory_of<T>(make: impl FnOnce() -> T) -> (T, isize, isize) {
+    let before = HELD.get();
+    PEAK.set(before);
+    let made = make();
+    (made, HELD.get() - before, PEAK.get() - before)
 }
 
 // SAFETY: every call goes to the system's allocator as it came.
 unsafe impl GlobalAlloc for Measuring {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         LARGEST.set(LARGEST.get().max(layout.size()));
+        HELD.set(HELD.get() + layout.size() as isize);
+        PEAK.set(PEAK.get().max(HELD.get()));
         // SAFETY: the caller's promises are passed on.
         unsafe { System.alloc(layout) }
     }
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        HELD.set(HELD.get() - layout.size() as isize);
         // SAFETY: the caller's promises are passed on.
         unsafe { System.dealloc(at, layout) }
     }
@@ -517,6 +530,32 @@ fn damage_while_it_is_in_use_is_an_error_or_another_patch() {
         }
     }
     assert!(refused > 200 && taken > 200, "{refused} {taken}");
+}
+
+#[test]
+fn a_body_in_its_file_holds_a_tenth_of_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.body");
+    let body = body(&plane(400, 400), 0.5, 50);
+    body.save(&path).unwrap();
+    let file = std::fs::metadata(&path).unwrap().len() as f64 / body.elements().len() as f64;
+    let each = |bytes: isize| (bytes - (1 << 20)) as f64 / body.elements().len() as f64;
+    let (stored, held, peak) = memory_of(|| StoredBody::open(&path, Some(SlipRule::Consistent)).unwrap());
+    let [held, peak] = [held, peak].map(each);
+    let (_, _, patch) = memory_of(|| {
+        let mut patch = stored.patch();
+        stored.take(&mut patch, [0.1, 0.1, 0.0], 8192).unwrap();
+        patch
+    });
+    let (whole, _, opened) = memory_of(|| Body::open(&path).unwrap());
+    println!(
+        "bytes an element: file {file}, in its file {held}, {peak} as it opens; in memory {}",
+        each(opened)
+    );
+    println!("a patch as it is made: {patch} bytes");
+    assert!(file > 65.0 && held < 8.0 && peak < 10.0 && each(opened) > 100.0);
+    assert!(patch < 16 << 20);
+    drop(whole);
 }
 
 #[test]

@@ -20,8 +20,10 @@ pub const PATCH_ELEMENTS: usize = 8192;
 
 /// A patch is renewed when the tool is this share of its radius from its middle.
 const WORN: f64 = 0.25;
-/// How far ahead of the tool the next patch is put, s: about what making one takes, and noticing.
-const AHEAD: f64 = 5e-3;
+/// How far ahead of the tool the next patch is put, s: what making the last one took, and no less nor more than this.
+const AHEAD: [f64; 2] = [5e-3, 50e-3];
+/// But no farther than this share of its radius: the tool's element is sure to be in it.
+const FARTHEST: f64 = 0.5;
 
 /// A patch and which one it is.
 #[derive(Debug)]
@@ -71,6 +73,8 @@ pub struct Finder {
     newest: (DVec3, f64),
     seen: Option<(f64, DVec3)>,
     velocity: DVec3,
+    /// What making the last patch took, by the loop's time, s.
+    took: f64,
 }
 
 /// Both ends, with a first patch around `place_m` of `elements` elements.
@@ -98,7 +102,17 @@ pub fn footing(
     let footing = Footing { link: link.clone(), parcel: first, refused: 0 };
     Ok((
         footing,
-        Finder { link, body, elements, hands, serial: 1, newest, seen: None, velocity: DVec3::ZERO },
+        Finder {
+            link,
+            body,
+            elements,
+            hands,
+            serial: 1,
+            newest,
+            seen: None,
+            velocity: DVec3::ZERO,
+            took: 0.0,
+        },
     ))
 }
 
@@ -171,14 +185,14 @@ impl Finder {
         }
         self.follow(f64::from_bits(time), place);
         let (centre, radius) = self.newest;
-        let ahead = (self.velocity * AHEAD).clamp_length_max(WORN * radius);
+        let ahead = self.velocity * self.took.clamp(AHEAD[0], AHEAD[1]);
+        let ahead = ahead.clamp_length_max(FARTHEST * radius);
         let target = if ahead.is_finite() { place + ahead } else { place };
         let worn = target.distance(centre) > WORN * radius || (waits != 0 && place.distance(centre) > 0.0);
         if !worn || radius == f64::INFINITY {
             return Ok(false);
         }
         let Some(mut parcel) = self.hands.pop() else { return Ok(false) };
-        // So near to the tool that its element is sure to be in it.
         let centre = if waits != 0 { place } else { target }.to_array();
         self.body.take(&mut parcel.patch, centre, self.elements)?;
         let _ = parcel.patch.lock_memory();
@@ -186,6 +200,8 @@ impl Finder {
         (parcel.serial, parcel.asked) = (self.serial, self.elements);
         self.newest = (parcel.patch.centre_m().into(), parcel.patch.radius_m());
         self.hands.extend(self.link.fresh.post(parcel));
+        let now = self.link.look.read().map_or(f64::NAN, |([now, ..], _)| f64::from_bits(now));
+        self.took = (now - f64::from_bits(time)).max(0.0);
         Ok(true)
     }
 
