@@ -161,14 +161,6 @@ impl Statistics {
     }
 }
 
-impl Summary {
-    /// As one line of JSON, for a live stream of them.
-    pub fn line(&self) -> String {
-        // Plain numbers under constant names can't fail.
-        serde_json::to_string(self).unwrap_or_default()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -201,7 +193,5 @@ mod tests {
         assert_eq!((summary.periods, summary.overruns, summary.periods_in_contact), (1000, 10, 500));
         assert_eq!((summary.work_j, summary.minor_page_faults), (999.0, 3));
         assert_eq!(summary.stages, BTreeMap::from([("stepped", 1000)]));
-        let line = summary.line();
-        assert!(!line.contains('\n') && line.contains("\"step_ns\":{\"p50\":500"), "{line}");
     }
 }
