@@ -35,6 +35,7 @@ mod capabilities;
 mod device;
 mod dhd;
 mod error;
+mod first_pose;
 mod frame;
 mod haply;
 mod latest;

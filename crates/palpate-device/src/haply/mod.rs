@@ -13,13 +13,14 @@
 mod message;
 mod service;
 
+use crate::first_pose::first_pose;
 use crate::latest::{Reader, Writer};
 use crate::limit::{self, Limits};
 use crate::{Basis, Capabilities, Command, Device, Fault, Figure, OpenError, Sample, presets};
 use service::{Link, POSE, Shared};
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Where the service listens if nobody told it otherwise.
 const URL: &str = "ws://localhost:10001";
@@ -28,8 +29,6 @@ const START: &str = "install the Haply Inverse Service (docs.haply.co) and start
 const PLUG: &str = "connect the Inverse3 and switch it on; the service's own page says what it sees";
 /// A pose that is older, s, means that the service stands.
 const STALE_S: f64 = 0.05;
-/// How long the first pose may take.
-const PATIENCE: Duration = Duration::from_secs(1);
 
 /// What the service calls the vector of a force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -186,19 +185,12 @@ struct Port {
 
 impl Port {
     fn await_pose(&mut self) -> Result<(), OpenError> {
-        let start = Instant::now();
-        while start.elapsed() < PATIENCE {
-            if let Some(pose) = self.poses.take() {
-                self.last = pose;
-                return Ok(());
-            }
-            if self.shared.gone() {
-                break;
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
-        let why = self.shared.fault().unwrap_or(Fault::TimedOut);
-        Err(error(format!("the service gives no position: {why}"), PLUG))
+        let gone = || self.shared.gone().then_some(Fault::Disconnected);
+        self.last = first_pose(&mut self.poses, gone).map_err(|gone| {
+            let why = gone.or(self.shared.fault()).unwrap_or(Fault::TimedOut);
+            error(format!("the service gives no position: {why}"), PLUG)
+        })?;
+        Ok(())
     }
 
     fn read(&mut self, now_s: f64) -> Result<Sample, Fault> {

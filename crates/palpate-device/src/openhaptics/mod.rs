@@ -8,6 +8,7 @@
 mod calls;
 mod servo;
 
+use crate::first_pose::first_pose;
 use crate::frame::Axes;
 use crate::latest::{Reader, Writer};
 use crate::library;
@@ -19,8 +20,7 @@ use std::ffi::{CString, c_ulong};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicPtr, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 const NAMES: &[&str] = if cfg!(windows) {
     &["HD.dll"]
@@ -37,8 +37,6 @@ const PLUG: &str = "connect it and switch it on, run the vendor's Touch_Setup an
 const DEFAULTS: [&str; 2] = ["Default Device", "Default PHANToM"];
 /// A pose that is older, s, means that the scheduler stands.
 const STALE_S: f64 = 0.05;
-/// How long the first pose may take.
-const PATIENCE: Duration = Duration::from_secs(1);
 /// How long the last callback may take; one period where the scheduler runs.
 const LAST_CALLBACK: Duration = Duration::from_millis(250);
 /// The middle of the scheduler's range, its own default.
@@ -276,19 +274,14 @@ impl Port {
     /// # Errors
     /// The scheduler doesn't call, or the device fails.
     fn await_pose(&mut self) -> Result<(), OpenError> {
-        let start = Instant::now();
-        while start.elapsed() < PATIENCE {
-            if let Some(pose) = self.poses.take() {
-                self.last = pose;
-                return Ok(());
+        self.last = first_pose(&mut self.poses, || self.shared.fault()).map_err(|code| {
+            if let Some(code) = code {
+                return error(format!("it fails at once: {}", self.calls.describe(code)), PLUG);
             }
-            if let Some(code) = self.shared.fault() {
-                return Err(error(format!("it fails at once: {}", self.calls.describe(code)), PLUG));
-            }
-            thread::sleep(Duration::from_millis(1));
-        }
-        let reason = self.calls.errors().next().map(|code| format!(" ({})", self.calls.describe(code)));
-        Err(error(format!("its scheduler never calls back{}", reason.unwrap_or_default()), PLUG))
+            let reason = self.calls.errors().next().map(|code| format!(" ({})", self.calls.describe(code)));
+            error(format!("its scheduler never calls back{}", reason.unwrap_or_default()), PLUG)
+        })?;
+        Ok(())
     }
 
     fn read(&mut self, now_s: f64) -> Result<Sample, Fault> {
