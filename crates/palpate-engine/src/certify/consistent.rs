@@ -97,14 +97,36 @@ fn quadratic(m: &[Box3; 3], e: Box3) -> Interval {
     dot(e, applied(m, e))
 }
 
+/// What the drive and its rate of change begin with.
+struct Start {
+    turning: Turning,
+    n: [Interval; 3],
+    depth: Interval,
+    deflection: Interval,
+    per_q: Interval,
+    /// w/ρ.
+    w: Box3,
+}
+
+impl Start {
+    fn new(patch: &Patch, slopes: &Slopes, cell: &Cell, view: &View, frame: &Frame) -> Self {
+        let (z, r) = (cell.depth_m, cell.reach_m);
+        let per_q = Interval::ONE.per(frame.q);
+        Start {
+            turning: Turning::new(slopes, cell, view),
+            n: coordinates(cell),
+            depth: Interval::new(z[0] - patch.radius_m, z[1] - patch.radius_m),
+            deflection: Interval::new(r[0], r[1]) * per_q,
+            per_q,
+            w: scaled(frame.w, per_q),
+        }
+    }
+}
+
 impl Drive {
     fn new(patch: &Patch, slopes: &Slopes, cell: &Cell, view: &View, frame: &Frame) -> Self {
         let (c, z, r) = (&cell.corners, cell.depth_m, cell.reach_m);
-        let turning = Turning::new(slopes, cell, view);
-        let per_q = Interval::ONE.per(frame.q);
-        let deflection = Interval::new(r[0], r[1]) * per_q;
-        let depth = Interval::new(z[0] - patch.radius_m, z[1] - patch.radius_m);
-        let w = scaled(frame.w, per_q);
+        let Start { turning, n, depth, deflection, per_q, w } = Start::new(patch, slopes, cell, view, frame);
         // b of the module drive, for each of the forces.
         let levers = [
             scaled(frame.e, deflection),
@@ -115,7 +137,6 @@ impl Drive {
             slopes.lateral.by_force(&patch.lateral, c, r, view.turn),
         ];
         let half = deflection * per_q * 0.5;
-        let n = coordinates(cell);
         let forces = [frame.u, w];
         let parts = [0, 1].map(|k| {
             let Read { sum: mut mean, mut miss, mut nodes } = energies[k];
@@ -354,11 +375,7 @@ impl<'a> Site<'a> {
         normal: Interval,
     ) -> Self {
         let (c, z, r) = (&cell.corners, cell.depth_m, cell.reach_m);
-        let turning = Turning::new(slopes, cell, view);
-        let per_q = Interval::ONE.per(frame.q);
-        let deflection = Interval::new(r[0], r[1]) * per_q;
-        let depth = Interval::new(z[0] - patch.radius_m, z[1] - patch.radius_m);
-        let w = scaled(frame.w, per_q);
+        let Start { turning, n, depth, deflection, per_q, w } = Start::new(patch, slopes, cell, view, frame);
         let lateral = patch.lateral.rising(c, r);
         let beside = lateral * frame.along_u * per_q;
         let lever = less(scaled(frame.e, deflection * (normal - beside)), scaled(w, lateral * depth));
@@ -378,7 +395,6 @@ impl<'a> Site<'a> {
                 }
             }
         }
-        let n = coordinates(cell);
         let mut whole = sum([mean, applied(&turning.turn, lever)]);
         if patch.slip != SlipRule::Exact {
             whole = less(whole, turned(n, view, frame.u, &nodes));
