@@ -146,6 +146,52 @@ fn a_recording_is_not_overwritten_unless_asked() {
     }
 }
 
+/// Made once, by `palpate run --rate-hz 100 --scale 2 --patch-elements 64`, of 0.16 s: down into a block and along. Recordings
+/// can't be made again: a change of format that no longer reads this one needs a version of its own.
+#[test]
+fn a_recording_of_version_1_that_is_there_is_read() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/recordings/version-1.rec");
+    let mut recording = Recording::open(&path).unwrap();
+    let header = recording.header().clone();
+    assert_eq!((header.program.as_str(), header.began_unix_s), ("palpate 0.1.0", 1_795_887_981.306_205_5));
+    assert_eq!(
+        (header.rate_hz, header.slip.as_str(), header.ablation.as_str()),
+        (100.0, "consistent", "none")
+    );
+    assert_eq!((header.body.name.as_str(), &header.body.sha256[..8]), ("block.body", "480f7d39"));
+    assert_eq!((header.device.as_str(), header.coupling_n_per_m), ("3D Systems Touch", None));
+    assert_eq!(header.safety.unwrap(), Safety { soft_start_s: 0.02, ..Safety::default() });
+    assert_eq!((header.map.scale, header.map.clutch), (2.0, None));
+    let records: Vec<Record> = recording.by_ref().collect();
+    let clean = Ending::Clean { reason: "the time is over".into(), dropped: 0 };
+    assert_eq!(recording.ending(), Some(&clean));
+    assert!(records.iter().map(|r| r.number).eq(0..18));
+
+    let sliding = &records[16];
+    assert_eq!((sliding.time_s, sliding.lateness_ns, sliding.read_ns), (0.16, 61, 25_657));
+    assert_eq!((sliding.device_sequence, sliding.device_position_m), (18, [0.006_105, 0.0, -0.001_76]));
+    assert_eq!(sliding.tool_position_m[0], 0.012_21);
+    assert_eq!(sliding.force_n[2], 0.743_423_999_999_999_3);
+    assert_eq!((sliding.command_force_n, sliding.command_torque_nm), (sliding.force_n, [0.0; 3]));
+    assert_eq!((sliding.element, sliding.area_coordinates[0]), (458, 0.823_605_44));
+    assert_eq!(
+        (sliding.delta_z_m, sliding.dissipated_j),
+        (0.003_519_999_999_999_999, 0.011_719_198_028_060_155)
+    );
+    assert_eq!((sliding.patch_serial, sliding.patch_count), (2, 64));
+    assert_eq!(sliding.patch_centre_m[0], 0.005_246_067_2);
+    assert!(sliding.engine().in_contact && sliding.engine().slipping && sliding.tool().is_some());
+    assert_eq!((records[17].tool(), records[17].command_force_n), (None, [0.0; 3]));
+
+    // What is written today has the same bytes.
+    let bytes = std::fs::read(&path).unwrap();
+    let mut again = RecordingFile::begin(Vec::new(), &header).unwrap();
+    records.iter().for_each(|r| again.write(r).unwrap());
+    let again = again.end("the time is over", 18, 0).unwrap();
+    let tail = bytes.len() - 19 * Record::BYTES;
+    assert!(again.ends_with(&bytes[tail..]) && again[..12] == bytes[..12]);
+}
+
 /// Somewhere to write that other threads can look into, and that has room for so many bytes.
 #[derive(Clone)]
 struct Disk(Arc<Mutex<Vec<u8>>>, usize);
