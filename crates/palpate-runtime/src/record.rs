@@ -167,8 +167,8 @@ record! {
     patch_serial: u64,
     /// How many elements it had.
     patch_count: u32,
-    /// The element that it grew from; 4294967295 for none.
-    patch_element: u32,
+    /// For later; 0. Older recordings call it `patch_element`, and hold 4294967295.
+    spare_half: u32,
     /// Periods so far in which the loop waited for a patch.
     patch_waits: u64,
     /// Page faults of the haptic thread so far, without the disk.
@@ -236,7 +236,6 @@ impl Record {
             observed_j: haptics.stages().passivity.map_or(0.0, |p| p.observed_j()),
             command_force_n: command.force_n,
             command_torque_nm: command.torque_nm,
-            patch_element: Self::NONE,
             ..Self::zeroed()
         }
     }

@@ -6,7 +6,7 @@ use bytemuck::bytes_of;
 /// What a name may end in as a unit; a vector's component stands before it, as in `x_m`.
 const UNITS: [&str; 4] = ["_m_per_s", "_nm", "_m", "_n"];
 /// What is of the file, not of the loop.
-const FILE: [&str; 4] = ["kind", "spare", "spare_word", "crc"];
+const FILE: [&str; 5] = ["kind", "spare", "spare_half", "spare_word", "crc"];
 
 impl Record {
     /// Names of the columns of [`row`](Self::row), with their units: the fields in their order, vectors by component.
