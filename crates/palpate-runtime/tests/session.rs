@@ -11,11 +11,13 @@ use palpate_device::simulated::{Move, Script};
 use palpate_device::{Capabilities, Command, Device, Fault, OpenError, Sample, Simulated, presets};
 use palpate_engine::Contact;
 use palpate_runtime::{
-    End, HapticLoop, Header, Opened, Patience, RealTime, Record, Recording, RecordingFile, Report, Retrace,
-    Safety, Scribe, Session, Settings, WorkspaceMap, ring,
+    End, Ending, HapticLoop, Header, Opened, Patience, RealTime, Record, Recording, RecordingFile, Report,
+    Retrace, Safety, Scribe, Session, Settings, WorkspaceMap, ring,
 };
+use std::io::{self, Write};
+use std::path::Path;
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// What happens to the device, from `at_s` on.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -303,6 +305,73 @@ fn asked_to_it_ends_at_once() {
     assert_eq!(report.end, End::Asked("SIGINT"));
     assert!(report.end.is_well() && report.periods > 50);
     assert_eq!(checked(&log).last().unwrap().1, DVec3::ZERO);
+}
+
+/// As when the program that holds it unwinds: nobody joins it, and still nothing is left in the hand.
+#[test]
+fn a_session_that_is_dropped_in_mid_press_leaves_zero_force_and_a_closed_device() {
+    let body = Arc::new(plane(600.0, 500.0, 0.2));
+    let (device, log) = rigged(Mishap::None, DVec3::ZERO);
+    let haptics = haptics(&body, device.capabilities());
+    let (recorder, _records) = ring(4000);
+    let endless = Settings { seconds: None, ..settings(0.0) };
+    let opened = Opened::new(Box::new(device)).unwrap();
+    let session = Session::start(body, opened, haptics, recorder, endless).unwrap();
+    let begun = Instant::now();
+    let pressing = || log.lock().unwrap().commands.last().is_some_and(|(_, force)| force.length() > 0.5);
+    while !pressing() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "nothing is touched");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    drop(session);
+    assert_eq!(checked(&log).last().unwrap().1, DVec3::ZERO);
+}
+
+/// A disk with room for so many records, whose driver panics where others say that it is full.
+#[derive(Clone)]
+struct Broken {
+    written: Arc<Mutex<Vec<u8>>>,
+    room: usize,
+}
+
+impl Write for Broken {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let is_header = self.written.lock().unwrap().is_empty();
+        assert!(is_header || self.room > 0, "the disk has a bug");
+        self.room -= usize::from(!is_header);
+        self.written.lock().unwrap().extend(bytes);
+        Ok(bytes.len())
+    }
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_scribe_that_panics_cuts_the_recording_and_the_loop_goes_on() {
+    const WRITTEN: usize = 20;
+    let body = Arc::new(plane(600.0, 500.0, 0.2));
+    let (device, log) = rigged(Mishap::None, DVec3::ZERO);
+    let haptics = haptics(&body, device.capabilities());
+    // Full long before the end: then there is no one to make room, and nobody to wait for.
+    let (recorder, records) = ring(50);
+    let disk = Broken { written: Arc::default(), room: WRITTEN };
+    let file = RecordingFile::begin(disk.clone(), &Header::default()).unwrap();
+    let scribe = Scribe::start(records, Some(file), 1000.0).unwrap();
+    let opened = Opened::new(Box::new(device)).unwrap();
+    let report = Session::start(body, opened, haptics, recorder, settings(0.5)).unwrap().join();
+    assert_eq!(report.end, End::Done);
+    let commands = checked(&log);
+    assert_eq!(commands.last().unwrap().1, DVec3::ZERO);
+    let later = commands.iter().filter(|(t, f)| *t > HURT && f.length() > 0.1).count();
+    assert!(later > 20, "{later}");
+    let finished = scribe.finish("the end");
+    assert_eq!(finished.trouble.as_deref(), Some("the thread that writes the recording panicked"));
+    assert!(finished.written <= WRITTEN as u64 && finished.summary.dropped_records > 0);
+    let bytes = disk.written.lock().unwrap().clone();
+    let mut recording = Recording::read(&bytes[..], Path::new("a.rec")).unwrap();
+    assert_eq!(recording.by_ref().count(), WRITTEN);
+    assert_eq!(recording.ending(), Some(&Ending::Cut { left_over: 0 }));
 }
 
 #[test]
