@@ -1,77 +1,30 @@
 //! `palpate run` from outside: presets, intents, records, JSON, complaints.
 
+mod common;
+
+use common::{Desk, said};
 use serde_json::Value;
 use std::fs;
-use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
-/// A block, flat where it is touched.
-const SPEC: &str = r#"
-[body.shape]
-kind = "block"
-size_mm = [80, 80, 40]
-edge_length_mm = 10
-[friction]
-coefficient = 0.3
-[deflection]
-normal_max_mm = 8
-lateral_max_mm = 8
-[response]
-law = "uniform"
-stiffness_n_per_m = 600
-lateral_stiffness_n_per_m = 500
-"#;
-
-struct Desk(tempfile::TempDir);
+fn simulated(args: &str) -> String {
+    format!("run block.body --device simulated --virtual-time {args}")
+}
 
 impl Desk {
-    fn new() -> Self {
-        let desk = Desk(tempfile::tempdir().unwrap());
-        desk.write("spec.toml", SPEC);
-        assert!(desk.run("fit --spec spec.toml -o block.body").status.success());
-        desk
-    }
-
-    fn path(&self) -> &Path {
-        self.0.path()
-    }
-
-    fn write(&self, name: &str, text: &str) {
-        fs::write(self.path().join(name), text).unwrap();
-    }
-
-    fn run(&self, args: &str) -> Output {
-        let words = args.split_whitespace();
-        Command::new(env!("CARGO_BIN_EXE_palpate")).args(words).current_dir(self.path()).output().unwrap()
-    }
-
     fn simulated(&self, args: &str) -> Output {
-        self.run(&format!("run block.body --device simulated --virtual-time {args}"))
+        self.run(&simulated(args))
     }
 
     fn json(&self, args: &str) -> Value {
-        let output = self.simulated(&format!("{args} --json"));
-        assert!(output.status.success(), "{args}: {}", said(&output));
-        serde_json::from_slice(&output.stdout).unwrap()
+        serde_json::from_slice(&self.done(&simulated(&format!("{args} --json"))).stdout).unwrap()
     }
-
-    fn refused(&self, args: &str, code: i32, words: &[&str]) {
-        let output = self.simulated(args);
-        assert_eq!(output.status.code(), Some(code), "{args}");
-        for word in words {
-            assert!(said(&output).contains(word), "{args}: {} has no `{word}`", said(&output));
-        }
-    }
-}
-
-fn said(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 /// Every built-in intent touches, keeps the books, and stays within the sampling bound; a run repeats to the byte.
 #[test]
 fn built_in_intents_touch_and_keep_the_books() {
-    let desk = Desk::new();
+    let desk = Desk::new(10);
     for intent in ["press", "drag", "circle", "tap", "hold"] {
         let run = desk.json(&format!("--intent {intent} --record {intent}.csv"));
         let number = |path: &str| run.pointer(path).and_then(Value::as_f64).unwrap();
@@ -88,17 +41,17 @@ fn built_in_intents_touch_and_keep_the_books() {
         // On a flat face slip never raises W.
         assert!(number("/out_j") + number("/energy/stored_j") <= number("/sampling_bound_j"), "{intent}");
         assert_eq!(run["limit_cycles"], Value::Array(Vec::new()), "{intent}");
-        let first = fs::read(desk.path().join(format!("{intent}.csv"))).unwrap();
+        let first = fs::read(desk.path(&format!("{intent}.csv"))).unwrap();
         assert!(first.starts_with(b"time_s,x_m,") && first.len() > 100_000);
         desk.json(&format!("--intent {intent} --record again.csv"));
-        assert!(first == fs::read(desk.path().join("again.csv")).unwrap(), "{intent} repeats");
+        assert!(first == fs::read(desk.path("again.csv")).unwrap(), "{intent} repeats");
     }
 }
 
 /// The bench tool without a hand, pushed by 1 N and 2 N: MODEL's quiet and cycling stiffness, from a file.
 #[test]
 fn a_file_of_pushes_cycles_or_not() {
-    let desk = Desk::new();
+    let desk = Desk::new(10);
     let push = |force: f64| {
         let text = format!(
             "[start]\nclearance_mm = 0\n[[move]]\nkind = \"push\"\nforce_n = {force}\nseconds = 1\n\
@@ -123,7 +76,7 @@ fn a_file_of_pushes_cycles_or_not() {
 /// Through a virtual coupling the device meets less than the body's stiffness, and is warned of that.
 #[test]
 fn a_coupling_is_in_series() {
-    let desk = Desk::new();
+    let desk = Desk::new(10);
     let text = "[start]\nclearance_mm = 0\n[[move]]\nkind = \"push\"\nforce_n = 2\nseconds = 1\n";
     desk.write("push.toml", text);
     let words = |more: &str| format!("--preset bench --hand none --intent push.toml {more}");
@@ -141,14 +94,15 @@ fn a_coupling_is_in_series() {
 
 #[test]
 fn complaints_say_where() {
-    let desk = Desk::new();
-    desk.refused("--intent wave", 1, &["--intent wave", "press, drag"]);
-    desk.refused("--intent none.toml", 1, &["none.toml"]);
-    desk.refused("--preset pencil", 2, &["pencil"]);
-    desk.refused("--rate-hz 0", 1, &["--rate-hz 0"]);
-    desk.refused("--seconds -1", 2, &["-1"]);
-    desk.refused("--coupling-n-per-m 0", 1, &["--coupling-n-per-m"]);
-    desk.refused("--record block.body", 1, &["block.body", "input"]);
+    let desk = Desk::new(10);
+    let refused = |args: &str, code, words: &[&str]| desk.refused(&simulated(args), code, words);
+    refused("--intent wave", 1, &["--intent wave", "press, drag"]);
+    refused("--intent none.toml", 1, &["none.toml"]);
+    refused("--preset pencil", 2, &["pencil"]);
+    refused("--rate-hz 0", 1, &["--rate-hz 0"]);
+    refused("--seconds -1", 2, &["-1"]);
+    refused("--coupling-n-per-m 0", 1, &["--coupling-n-per-m"]);
+    refused("--record block.body", 1, &["block.body", "input"]);
     // A built-in intent is no file, so that its name is free for one.
     assert!(desk.simulated("--intent drag --seconds 0.01 --record drag").status.success());
     let wrong = [
@@ -176,7 +130,7 @@ fn complaints_say_where() {
     ];
     for (text, word) in wrong {
         desk.write("wrong.toml", text);
-        desk.refused("--intent wrong.toml", 1, &[word]);
+        refused("--intent wrong.toml", 1, &[word]);
     }
     // What would never end, or sum to infinity, in the simulated tool.
     for (key, value) in [
@@ -191,13 +145,13 @@ fn complaints_say_where() {
     ] {
         let text = format!("[device]\n{key} = {value}\n[[move]]\nkind = \"hold\"\nseconds = 1\n");
         desk.write("wrong.toml", &text);
-        desk.refused("--intent wrong.toml", 1, &[&format!("wrong.toml:2: {key} is"), "; give"]);
+        refused("--intent wrong.toml", 1, &[&format!("wrong.toml:2: {key} is"), "; give"]);
     }
     // Each is a number, but not together.
     desk.write("wrong.toml", "[device]\nmass_kg = 1e-6\n[[move]]\nkind = \"hold\"\nseconds = 1\n");
-    desk.refused("--intent wrong.toml --hand none --preset omega", 1, &["moving mass", "more mass"]);
+    refused("--intent wrong.toml --hand none --preset omega", 1, &["moving mass", "more mass"]);
     desk.write("wrong.toml", "[device]\ndelay_ms = 100\n[[move]]\nkind = \"hold\"\nseconds = 1\n");
-    desk.refused("--intent wrong.toml", 1, &["64 periods", "--rate-hz"]);
+    refused("--intent wrong.toml", 1, &["64 periods", "--rate-hz"]);
     assert_eq!(desk.run("run block.body --device nonsense").status.code(), Some(2));
     let help = desk.run("run --help");
     assert!(String::from_utf8_lossy(&help.stdout).contains("Examples:"));

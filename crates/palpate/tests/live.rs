@@ -3,31 +3,16 @@
 //!
 //! No times are judged: the machine may be busy with something else, and give no rights.
 
+mod common;
+
+use common::{Desk, said, spec};
 use glam::DVec3;
 use palpate_body::Body;
 use palpate_runtime::{Ending, Record, Recording, RecordingFile};
 use serde_json::Value;
 use std::fs;
-use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
-
-/// A block, flat where it is touched.
-const SPEC: &str = r#"
-[body.shape]
-kind = "block"
-size_mm = [80, 80, 40]
-edge_length_mm = 4
-[friction]
-coefficient = 0.3
-[deflection]
-normal_max_mm = 8
-lateral_max_mm = 8
-[response]
-law = "uniform"
-stiffness_n_per_m = 600
-lateral_stiffness_n_per_m = 500
-"#;
 
 /// Down at once and to and fro, for as long as it is let.
 const INTENT: &str = r#"
@@ -49,41 +34,14 @@ seconds = 60
 /// On any machine: no rights are asked for, and load beside is forgiven.
 const CALM: &str = "--priority 0 --late-ms 10000 --stale-ms 10000 --soft-start-s 0.05";
 
-struct Desk(tempfile::TempDir);
+/// The desk, with `intent.toml`.
+fn desk() -> Desk {
+    let desk = Desk::new(4);
+    desk.write("intent.toml", INTENT);
+    desk
+}
 
 impl Desk {
-    fn new() -> Self {
-        let desk = Desk(tempfile::tempdir().unwrap());
-        desk.write("spec.toml", SPEC);
-        desk.write("intent.toml", INTENT);
-        desk.done("fit --spec spec.toml -o block.body");
-        desk
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn write(&self, name: &str, text: &str) {
-        fs::write(self.path(name), text).unwrap();
-    }
-
-    fn command(&self, args: &str) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
-        command.args(args.split_whitespace()).current_dir(self.0.path());
-        command
-    }
-
-    fn run(&self, args: &str) -> Output {
-        self.command(args).output().unwrap()
-    }
-
-    fn done(&self, args: &str) -> Output {
-        let output = self.run(args);
-        assert_eq!(output.status.code(), Some(0), "{args}: {}", said(&output));
-        output
-    }
-
     /// A loop with a simulated device; the last line for each device.
     fn live(&self, args: &str) -> Vec<Value> {
         let devices = args.matches("--device").count();
@@ -93,18 +51,6 @@ impl Desk {
     fn start(&self, args: &str) -> Child {
         let args = format!("run block.body --device simulated --intent intent.toml {CALM} --json {args}");
         self.command(&args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
-    }
-
-    /// Exit status 1 and one line with these words, or 2 with them.
-    fn refused(&self, args: &str, code: i32, words: &[&str]) {
-        let output = self.run(args);
-        let said = said(&output);
-        assert_eq!(output.status.code(), Some(code), "{args}: {said}");
-        assert!(output.stdout.is_empty(), "{args}");
-        assert!(code != 1 || said.trim_end().lines().count() == 1, "{args}: {said}");
-        for word in words {
-            assert!(said.contains(word), "{args}: {said} has no `{word}`");
-        }
     }
 
     fn records(&self, name: &str) -> (Vec<Record>, Ending) {
@@ -124,10 +70,6 @@ impl Desk {
     }
 }
 
-fn said(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
 /// Every line of standard output is JSON, and the last ones tell how it ended.
 fn told(output: &Output, devices: usize) -> Vec<Value> {
     let text = String::from_utf8(output.stdout.clone()).unwrap();
@@ -145,7 +87,7 @@ fn touches(record: &&Record) -> bool {
 /// Run, trace to the same bits, export, and run again from the recording and from a path.
 #[test]
 fn a_recording_is_traced_exported_and_replayed() {
-    let desk = Desk::new();
+    let desk = desk();
     let last = desk.live("--device simulated --seconds 1.2 --record a.rec");
     assert_eq!((&last[0]["end"], &last[0]["well"]), (&"the time is over".into(), &true.into()));
     let (records, ending) = desk.records("a.rec");
@@ -195,7 +137,7 @@ fn a_recording_is_traced_exported_and_replayed() {
 /// Other bits than recorded end with status 3, another body with 1; what is whole of a damaged or cut recording is traced.
 #[test]
 fn what_was_changed_is_found_and_what_was_cut_is_traced_up_to_there() {
-    let desk = Desk::new();
+    let desk = desk();
     desk.live("--device simulated --seconds 0.6 --record a.rec");
     let (records, _) = desk.records("a.rec");
     let touched = records.iter().position(|r| r.engine().in_contact).unwrap();
@@ -240,7 +182,7 @@ fn what_was_changed_is_found_and_what_was_cut_is_traced_up_to_there() {
     fs::write(desk.path("header.rec"), &bytes[..1000]).unwrap();
     desk.refused("trace block.body --path header.rec -o none.csv", 1, &["header.rec: "]);
 
-    desk.write("spec.toml", &SPEC.replace("600", "601"));
+    desk.write("spec.toml", &spec(4).replace("600", "601"));
     desk.done("fit --spec spec.toml -o other.body");
     desk.refused(
         "trace other.body --path a.rec -o none.csv",
@@ -252,7 +194,7 @@ fn what_was_changed_is_found_and_what_was_cut_is_traced_up_to_there() {
 
 #[test]
 fn two_devices_on_one_body_have_two_recordings() {
-    let desk = Desk::new();
+    let desk = desk();
     let last =
         desk.live("--device simulated --device simulated:omega --seconds 0.8 --record a.rec --record b.rec");
     assert_ne!(last[0]["device"], last[1]["device"]);
@@ -270,7 +212,7 @@ fn two_devices_on_one_body_have_two_recordings() {
 /// Scale, place and turn of the device are as they were given.
 #[test]
 fn the_workspace_is_mapped_as_asked() {
-    let desk = Desk::new();
+    let desk = desk();
     let map = "--scale 2 --offset-mm -1,2.5,300 --rotation 0,0,0,-1";
     desk.live(&format!("--device simulated --seconds 0.05 --record a.rec {map}"));
     let map = Recording::open(&desk.path("a.rec")).unwrap().header().map;
@@ -286,7 +228,7 @@ fn the_workspace_is_mapped_as_asked() {
 #[cfg(unix)]
 #[test]
 fn signals_end_it_with_zero_force() {
-    let desk = Desk::new();
+    let desk = desk();
     for signal in ["INT", "TERM"] {
         let name = format!("{signal}.rec");
         let child = desk.start(&format!("--seconds 600 --record {name}"));
@@ -309,7 +251,7 @@ fn signals_end_it_with_zero_force() {
 /// A body is read as a whole before the loop begins: what becomes of its file then is nothing to the loop.
 #[test]
 fn a_body_that_is_cut_short_meanwhile_is_not_missed() {
-    let desk = Desk::new();
+    let desk = desk();
     let whole = fs::read(desk.path("block.body")).unwrap();
     let child = desk.start("--seconds 1.2 --record a.rec");
     desk.wait_for("a.rec", 1);
@@ -326,11 +268,11 @@ fn a_body_that_is_cut_short_meanwhile_is_not_missed() {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_ends_the_recording_and_not_the_loop() {
-    let desk = Desk::new();
+    let desk = desk();
     // In a namespace of its own, so that nothing is left behind; without rights, as its own root.
     let unshare = |script: &str| {
         let mut command = Command::new("unshare");
-        command.args(["--user", "--map-root-user", "--mount", "sh", "-c", script]).current_dir(desk.0.path());
+        command.args(["--user", "--map-root-user", "--mount", "sh", "-c", script]).current_dir(desk.path(""));
         command.output()
     };
     fs::create_dir(desk.path("full")).unwrap();
@@ -358,7 +300,7 @@ fn a_full_disk_ends_the_recording_and_not_the_loop() {
 
 #[test]
 fn what_is_not_installed_is_said_with_what_to_do() {
-    let desk = Desk::new();
+    let desk = desk();
     let missing = "--device-library nowhere/lib.so";
     let run = "run block.body --priority 0";
     desk.refused(
@@ -381,7 +323,7 @@ fn what_is_not_installed_is_said_with_what_to_do() {
 
 #[test]
 fn wrong_options_are_refused_before_anything_moves() {
-    let desk = Desk::new();
+    let desk = desk();
     desk.write("there.rec", "somebody's");
     let run = "run block.body --priority 0 --device simulated";
     for (more, code, words) in [
