@@ -7,11 +7,16 @@ mod common;
 
 use common::{Desk, said, spec};
 use glam::DVec3;
+use palpate::intent::Intent;
+use palpate::live::{self, Hold, Place, Plan};
 use palpate_body::Body;
-use palpate_runtime::{Ending, Record, Recording, RecordingFile};
+use palpate_device::{Capabilities, Device, Fault, OpenError, Sample, presets};
+use palpate_engine::Ablation;
+use palpate_runtime::{Ending, Patience, RealTime, Record, Recording, RecordingFile, Safety, Settings};
 use serde_json::Value;
 use std::fs;
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// Down at once and to and fro, for as long as it is let.
@@ -224,6 +229,12 @@ fn the_workspace_is_mapped_as_asked() {
     }
 }
 
+#[cfg(unix)]
+fn send(signal: &str, child: &Child) {
+    let kill = format!("kill -{signal} {}", child.id());
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+}
+
 /// In mid-press: status 0, zero as the last command, and a recording with its end.
 #[cfg(unix)]
 #[test]
@@ -233,8 +244,7 @@ fn signals_end_it_with_zero_force() {
         let name = format!("{signal}.rec");
         let child = desk.start(&format!("--seconds 600 --record {name}"));
         desk.wait_for(&name, 400);
-        let kill = format!("kill -{signal} {}", child.id());
-        assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+        send(signal, &child);
         let output = child.wait_with_output().unwrap();
         assert_eq!(output.status.code(), Some(0), "{signal}: {}", said(&output));
         assert_eq!(told(&output, 1)[0]["end"], "a signal asked for it");
@@ -245,6 +255,140 @@ fn signals_end_it_with_zero_force() {
         assert!(size(&records[pressed]) > 0.1);
         let after = &records[pressed + 1..];
         assert!((1..=2).contains(&after.len()) && size(after.last().unwrap()) == 0.0, "{}", after.len());
+    }
+}
+
+/// Nobody reads what the program tells at its end, so that it hangs there: a second signal ends it all the same. By then the
+/// first one has brought zero force, and the recording its end.
+#[cfg(unix)]
+#[test]
+fn a_second_signal_ends_it_even_where_the_end_hangs() {
+    use std::io::Write;
+    use std::os::unix::net::UnixStream;
+    let desk = desk();
+    // Filled byte by byte: then there is no room for anything.
+    let (_reader, mut full) = UnixStream::pair().unwrap();
+    full.set_nonblocking(true).unwrap();
+    while full.write(b" ").is_ok() {}
+    full.set_nonblocking(false).unwrap();
+    // Without `--json`, what is told meanwhile goes to standard error.
+    let args = format!("run block.body --device simulated --intent intent.toml {CALM} --record a.rec");
+    let mut child =
+        desk.command(&args).stdout(std::os::fd::OwnedFd::from(full)).stderr(Stdio::null()).spawn().unwrap();
+    desk.wait_for("a.rec", 400);
+    send("INT", &child);
+    let begun = Instant::now();
+    let (records, reason) = loop {
+        if let (records, Ending::Clean { reason, .. }) = desk.records("a.rec") {
+            break (records, reason);
+        }
+        assert!(begun.elapsed() < Duration::from_secs(60), "the first signal ends nothing");
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    assert_eq!(
+        (reason.as_str(), records.last().unwrap().command_force_n),
+        ("a signal asked for it", [0.0; 3])
+    );
+    // Long after the end.
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(child.try_wait().unwrap(), None, "the end does not hang");
+    send("INT", &child);
+    let begun = Instant::now();
+    let status = loop {
+        if let Some(status) = child.try_wait().unwrap() {
+            break status;
+        }
+        if begun.elapsed() > Duration::from_secs(20) {
+            child.kill().unwrap();
+            panic!("the second signal ends nothing");
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    assert_eq!(status.code(), Some(130));
+}
+
+/// A simulated device with a list of what it was told; with another's list, it is gone as soon as both have pressed.
+struct Leaving {
+    device: Box<dyn Device>,
+    log: Arc<Mutex<Log>>,
+    other: Option<Arc<Mutex<Log>>>,
+}
+
+#[derive(Default)]
+struct Log {
+    forces: Vec<DVec3>,
+    closed: bool,
+}
+
+impl Log {
+    fn pressed(&self) -> bool {
+        self.forces.iter().any(|force| force.length() > 0.5)
+    }
+}
+
+impl Device for Leaving {
+    fn capabilities(&self) -> &Capabilities {
+        self.device.capabilities()
+    }
+    fn open(&mut self) -> Result<(), OpenError> {
+        self.device.open()
+    }
+    fn read(&mut self, now_s: f64) -> Result<Sample, Fault> {
+        let pressed = |log: &Mutex<Log>| log.lock().unwrap().pressed();
+        if self.other.as_ref().is_some_and(|other| pressed(other) && pressed(&self.log)) {
+            return Err(Fault::Disconnected);
+        }
+        self.device.read(now_s)
+    }
+    fn write(&mut self, command: &palpate_device::Command) -> Result<(), Fault> {
+        self.log.lock().unwrap().forces.push(DVec3::from_array(command.force_n));
+        self.device.write(command)
+    }
+    fn close(&mut self) {
+        self.log.lock().unwrap().closed = true;
+        self.device.close();
+    }
+}
+
+/// One of two devices on one body fails in mid-press: the other's loop ends with zero force too, long before its time.
+/// The only test that runs loops in its own process: signals can be handled once.
+#[test]
+fn a_device_that_fails_ends_the_others_loop_too() {
+    let desk = desk();
+    let body = live::open_body(&desk.path("block.body"), None, None).unwrap();
+    let intent = Intent::read(&desk.path("intent.toml")).unwrap();
+    let (hand, _) = presets::hand("fingers").unwrap();
+    let logs: [Arc<Mutex<Log>>; 2] = Default::default();
+    let others = [Some(logs[1].clone()), None];
+    let holds = logs.iter().zip(others).map(|(log, other)| {
+        let hold = live::simulated(&*body, presets::device("touch").unwrap(), hand, &intent).unwrap();
+        Hold { device: Box::new(Leaving { device: hold.device, log: log.clone(), other }), ..hold }
+    });
+    let settings = Settings::new(1000.0);
+    let plan = Plan {
+        body: desk.path("block.body"),
+        settings: Settings {
+            real_time: RealTime { priority: None, own_core: false, ..settings.real_time },
+            patience: Patience { late_s: 10.0, pose_s: 10.0, finder_s: 10.0, ..settings.patience },
+            ..settings
+        },
+        safety: Safety { soft_start_s: 0.05, ..Safety::default() },
+        slip: None,
+        ablation: Ablation::None,
+        coupling_n_per_m: None,
+        place: Place::default(),
+        record: Vec::new(),
+        json: false,
+    };
+    let ended = live::run(&body, holds.collect(), &plan).unwrap();
+    let [(gone, _), (other, _)] = &ended[..] else { panic!("{ended:?}") };
+    assert_eq!((gone.end.as_str(), gone.well), ("the device is gone", false));
+    assert_eq!(other.end, "another device's loop has ended");
+    for log in &logs {
+        // What is gone may not get the commands; they are sent all the same.
+        let log = log.lock().unwrap();
+        assert!(log.pressed() && log.closed);
+        assert_eq!(log.forces.last(), Some(&DVec3::ZERO));
     }
 }
 
