@@ -262,7 +262,8 @@ fn a_body_that_is_cut_or_changed_in_its_file_ends_the_loop() {
         std::fs::write(folder.path().join("other"), b"no body").unwrap();
         std::fs::rename(folder.path().join("other"), &path).unwrap();
     };
-    let mishaps: [(&dyn Fn(&mut std::fs::File), Option<&str>); 3] =
+    type OfFile<'a> = &'a dyn Fn(&mut std::fs::File);
+    let mishaps: [(OfFile, _); 3] =
         [(&cut, Some("cut short while")), (&change, Some("changed while")), (&replace, None)];
     for (mishap, words) in mishaps {
         ball(0.7).save(&path).unwrap();

@@ -12,13 +12,15 @@ use palpate_device::simulated::{Hand, Intent as _, figures};
 use palpate_device::{Capabilities, Device, Replay, ReplaySample, Simulated};
 use palpate_engine::{Ablation, Contact};
 use palpate_runtime::{
-    BodyFile, Coupling, End, Finished, HapticLoop, Header, Opened, Recording, RecordingFile, Report, Safety,
-    Scribe, Session, Settings, StageFlags, Summary, WorkspaceMap, ring,
+    BodyFile, Coupling, End, Finished, HapticLoop, Header, Opened, Recorder, Recording, RecordingFile,
+    Report, Safety, Scribe, Session, Settings, StageFlags, Summary, WorkspaceMap, ring,
 };
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime};
 
 /// How far above the body's top the tool is put where nothing else is said, m.
@@ -215,10 +217,11 @@ struct Running {
 pub fn run(body: &Arc<dyn BodySource>, holds: Vec<Hold>, plan: &Plan) -> Result<Vec<(Told, End)>> {
     let stop = signals()?;
     let count = holds.len();
-    let mut running = Vec::new();
-    for (i, hold) in holds.into_iter().enumerate() {
-        running.push(begin(body, hold, plan, plan.record.get(i))?);
-    }
+    let teller = Teller::start(plan.json)?;
+    // All are opened before the first one renders: from then on somebody watches.
+    let ready = holds.into_iter().enumerate().map(|(i, hold)| prepare(body, hold, plan, plan.record.get(i)));
+    let ready = ready.collect::<Result<Vec<_>>>()?;
+    let mut running = ready.into_iter().map(|ready| ready.start(body)).collect::<Result<Vec<_>>>()?;
     let mut told = Instant::now();
     let mut ended: Vec<Option<Report>> = (0..count).map(|_| None).collect();
     while running.iter().any(|r| r.session.is_some()) {
@@ -236,19 +239,27 @@ pub fn run(body: &Arc<dyn BodySource>, holds: Vec<Hold>, plan: &Plan) -> Result<
         }
         if told.elapsed() >= TOLD_EVERY {
             told = Instant::now();
-            running.iter().filter(|r| r.session.is_some()).try_for_each(|r| live(r, plan.json))?;
+            for one in running.iter().filter(|r| r.session.is_some()) {
+                teller
+                    .tell(News::Live { device: one.device.clone(), summary: Box::new(one.scribe.summary()) });
+            }
         }
         for one in &running {
-            one.scribe.trouble().iter().for_each(|what| console::note(&format!("{}: {what}", one.device)));
+            one.scribe.trouble().into_iter().for_each(|what| {
+                teller.tell(News::Note(format!("{}: {what}", one.device)));
+            });
         }
     }
+    // Recordings have their ends before anything more is told, which may take forever.
     let finish = |(one, report): (Running, Option<Report>)| {
         let report = report?;
         let finished = one.scribe.finish(&report.end.to_string());
-        report.notes.iter().for_each(|n| console::note(n));
-        Some((tell(one.device, &report, finished, plan), report.end))
+        Some((tell(one.device, &report, finished, plan), report))
     };
-    Ok(running.into_iter().zip(ended).filter_map(finish).collect())
+    let finished: Vec<_> = running.into_iter().zip(ended).filter_map(finish).collect();
+    teller.finish();
+    finished.iter().flat_map(|(_, report)| &report.notes).for_each(|n| console::note(n));
+    Ok(finished.into_iter().map(|(told, report)| (told, report.end)).collect())
 }
 
 /// Set at the first signal to stop; a second one ends the program.
@@ -258,7 +269,25 @@ fn signals() -> Result<&'static AtomicBool> {
     Ok(&STOP)
 }
 
-fn begin(body: &Arc<dyn BodySource>, hold: Hold, plan: &Plan, record: Option<&PathBuf>) -> Result<Running> {
+/// A loop that only has to be started.
+struct Ready {
+    device: Opened,
+    haptics: HapticLoop,
+    recorder: Recorder,
+    settings: Settings,
+    scribe: Scribe,
+}
+
+impl Ready {
+    fn start(self, body: &Arc<dyn BodySource>) -> Result<Running> {
+        let Ready { device, haptics, recorder, settings, scribe } = self;
+        let name = device.capabilities().name.to_string();
+        let session = Session::start(body.clone(), device, haptics, recorder, settings)?;
+        Ok(Running { session: Some(session), scribe, device: name })
+    }
+}
+
+fn prepare(body: &Arc<dyn BodySource>, hold: Hold, plan: &Plan, record: Option<&PathBuf>) -> Result<Ready> {
     let Plan { settings, safety, coupling_n_per_m, ablation, place, .. } = plan;
     let Hold { device, map, seconds, is_replay } = hold;
     // A device is not kept waiting for that.
@@ -305,8 +334,7 @@ fn begin(body: &Arc<dyn BodySource>, hold: Hold, plan: &Plan, record: Option<&Pa
     if is_replay {
         settings.patience.pose_s = f64::INFINITY;
     }
-    let session = Session::start(body.clone(), device, haptics, recorder, settings)?;
-    Ok(Running { session: Some(session), scribe, device: name })
+    Ok(Ready { device, haptics, recorder, settings, scribe })
 }
 
 /// K_max at any depth, N/m.
@@ -368,17 +396,56 @@ pub fn ablation_name(ablation: Ablation) -> &'static str {
     }
 }
 
-/// How it goes: a line of JSON, or of words.
-fn live(running: &Running, json: bool) -> Result<()> {
-    let summary = running.scribe.summary();
+/// What is told while loops run.
+enum News {
+    Live { device: String, summary: Box<Summary> },
+    Note(String),
+}
+
+/// Tells it from a thread of its own: where nobody reads, telling may take forever, and who watches the loops can't wait for that.
+struct Teller {
+    news: SyncSender<News>,
+    thread: JoinHandle<()>,
+}
+
+impl Teller {
+    fn start(json: bool) -> Result<Self> {
+        let (news, heard) = sync_channel(64);
+        let telling = move || heard.iter().try_for_each(|news| say(&news, json));
+        let thread = std::thread::Builder::new().name("palpate-teller".into());
+        // What can't be told is found out again with the last lines.
+        let thread = thread.spawn(move || drop(telling())).context("no thread could be started")?;
+        Ok(Teller { news, thread })
+    }
+
+    /// Leaves it out if what was told before has not been read.
+    fn tell(&self, news: News) {
+        let _ = self.news.try_send(news);
+    }
+
+    /// Waits until all is told.
+    fn finish(self) {
+        drop(self.news);
+        // A panic in it has ended the telling, and nothing else.
+        let _ = self.thread.join();
+    }
+}
+
+/// A line of JSON, or of words.
+fn say(news: &News, json: bool) -> Result<()> {
+    let (device, summary) = match news {
+        News::Note(what) => {
+            console::note(what);
+            return Ok(());
+        }
+        News::Live { device, summary } => (device, summary),
+    };
     if json {
-        let line = serde_json::to_string(&Live { device: &running.device, summary: &summary })?;
-        return console::text(&format!("{line}\n"));
+        return console::text(&format!("{}\n", serde_json::to_string(&Live { device, summary })?));
     }
     let us = |ns: u64| ns as f64 * 1e-3;
     console::note(&format!(
-        "{}: {:.0} s, lateness {:.0} µs (99.9 %), step {:.1} µs (99.9 %), {} overruns, stored {:.3} mJ",
-        running.device,
+        "{device}: {:.0} s, lateness {:.0} µs (99.9 %), step {:.1} µs (99.9 %), {} overruns, stored {:.3} mJ",
         summary.time_s,
         us(summary.lateness_ns.p99_9),
         us(summary.step_ns.p99_9),

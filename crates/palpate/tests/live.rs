@@ -258,11 +258,17 @@ fn signals_end_it_with_zero_force() {
     }
 }
 
-/// Nobody reads what the program tells at its end, so that it hangs there: a second signal ends it all the same. By then the
-/// first one has brought zero force, and the recording its end.
+/// Nobody reads what the program tells, neither meanwhile nor at its end, so that it hangs there: the first signal brings zero
+/// force and ends the recording all the same, and a second one the program.
 #[cfg(unix)]
 #[test]
-fn a_second_signal_ends_it_even_where_the_end_hangs() {
+fn signals_end_it_where_nobody_reads_what_it_tells() {
+    signals_end_it("");
+    signals_end_it("--json");
+}
+
+#[cfg(unix)]
+fn signals_end_it(json: &str) {
     use std::io::Write;
     use std::os::unix::net::UnixStream;
     let desk = desk();
@@ -271,11 +277,13 @@ fn a_second_signal_ends_it_even_where_the_end_hangs() {
     full.set_nonblocking(true).unwrap();
     while full.write(b" ").is_ok() {}
     full.set_nonblocking(false).unwrap();
+    let args = format!("run block.body --device simulated --intent intent.toml {CALM} --record a.rec {json}");
     // Without `--json`, what is told meanwhile goes to standard error.
-    let args = format!("run block.body --device simulated --intent intent.toml {CALM} --record a.rec");
-    let mut child =
-        desk.command(&args).stdout(std::os::fd::OwnedFd::from(full)).stderr(Stdio::null()).spawn().unwrap();
-    desk.wait_for("a.rec", 400);
+    let end = std::os::fd::OwnedFd::from(full);
+    let error = if json.is_empty() { end.try_clone().unwrap().into() } else { Stdio::null() };
+    let mut child = desk.command(&args).stdout(end).stderr(error).spawn().unwrap();
+    // Longer than until the first line.
+    desk.wait_for("a.rec", 1400);
     send("INT", &child);
     let begun = Instant::now();
     let (records, reason) = loop {
@@ -392,7 +400,7 @@ fn a_device_that_fails_ends_the_others_loop_too() {
     }
 }
 
-/// A body is read as a whole before the loop begins: what becomes of its file then is nothing to the loop.
+/// A body in memory was read as a whole before the loop began: what becomes of its file then is nothing to the loop.
 #[test]
 fn a_body_that_is_cut_short_meanwhile_is_not_missed() {
     let desk = desk();
@@ -406,6 +414,33 @@ fn a_body_that_is_cut_short_meanwhile_is_not_missed() {
     desk.refused("trace block.body --path a.rec -o a.csv", 1, &["block.body"]);
     fs::write(desk.path("block.body"), whole).unwrap();
     desk.done("trace block.body --path a.rec -o a.csv");
+}
+
+/// One that stays in its file gives the same bits, and ends the loop when it is cut.
+#[test]
+fn a_body_in_its_file_gives_the_same_bits_and_is_missed_when_it_is_cut() {
+    let desk = desk();
+    let ended =
+        desk.live("--device simulated --body-in file --patch-elements 40 --seconds 1.2 --record a.rec");
+    assert_eq!(ended[0]["end"], "the time is over");
+    let patches = |(records, _): &(Vec<Record>, Ending)| {
+        records.chunk_by(|a, b| a.patch_serial == b.patch_serial).count()
+    };
+    assert!(patches(&desk.records("a.rec")) > 3, "{}", patches(&desk.records("a.rec")));
+    desk.done("trace block.body --path a.rec -o a.csv");
+
+    // Round and round.
+    desk.write("intent.toml", &INTENT.replace("\"hold\"", "\"circle\"\nradius_mm = 5\nturns = 60"));
+    let child = desk.start("--body-in file --patch-elements 40 --record b.rec");
+    desk.wait_for("b.rec", 1);
+    fs::File::options().write(true).open(desk.path("block.body")).unwrap().set_len(100).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+    let words = "block.body: body file: it was cut short while it was in use";
+    assert!(told(&output, 1)[0]["end"].as_str().unwrap().contains(words), "{}", said(&output));
+    let (records, ending) = desk.records("b.rec");
+    assert!(matches!(&ending, Ending::Clean { reason, .. } if reason.contains(words)), "{ending:?}");
+    assert_eq!(records.last().unwrap().command_force_n, [0.0; 3]);
 }
 
 /// A disk of 400 KiB, which the recording fills: that is told once, the loop goes on, and what was written can be read.
