@@ -1,0 +1,127 @@
+//! A session's haptic thread allocates and frees nothing between its second period and its end, whatever the threads beside
+//! it do: it is counted.
+
+#![allow(unsafe_code, reason = "an allocator that counts is an unsafe trait")]
+
+mod common;
+
+use common::{shape, with_field};
+use glam::DVec3;
+use palpate_body::shape::Shape;
+use palpate_body::{BodySource, StoredBody};
+use palpate_device::simulated::{Move, Script};
+use palpate_device::{Capabilities, Command, Device, Fault, OpenError, Sample, Simulated, presets};
+use palpate_engine::Contact;
+use palpate_runtime::{
+    End, HapticLoop, Header, Opened, Patience, RealTime, RecordingFile, Safety, Scribe, Session, Settings,
+    WorkspaceMap, ring,
+};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+thread_local! {
+    static WATCHED: Cell<bool> = const { Cell::new(false) };
+}
+static COUNTED: AtomicU64 = AtomicU64::new(0);
+
+struct Counting;
+
+fn count() {
+    if WATCHED.get() {
+        COUNTED.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+// SAFETY: every call goes to the system's allocator as it came.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        count();
+        // SAFETY: the caller's promises are passed on.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        count();
+        // SAFETY: the caller's promises are passed on.
+        unsafe { System.dealloc(at, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Says when its thread is watched: from its second `read` to its last.
+struct Watching {
+    device: Simulated,
+    until_s: f64,
+    reads: u64,
+    /// Boxes a number in this read, to see that it is counted.
+    slip_at: Option<u64>,
+}
+
+impl Device for Watching {
+    fn capabilities(&self) -> &Capabilities {
+        self.device.capabilities()
+    }
+    fn open(&mut self) -> Result<(), OpenError> {
+        self.device.open()
+    }
+    fn read(&mut self, now_s: f64) -> Result<Sample, Fault> {
+        self.reads += 1;
+        // The first is the preparation's, in another thread.
+        WATCHED.set(self.reads > 2 && now_s < self.until_s);
+        if self.slip_at == Some(self.reads) {
+            drop(std::hint::black_box(Box::new(self.reads)));
+        }
+        self.device.read(now_s)
+    }
+    fn write(&mut self, command: &Command) -> Result<(), Fault> {
+        self.device.write(command)
+    }
+    fn close(&mut self) {
+        WATCHED.set(false);
+        self.device.close();
+    }
+}
+
+#[test]
+fn the_haptic_thread_of_a_session_allocates_and_frees_nothing() {
+    let mesh = shape(Shape::Sphere { radius_mm: 30.0 }, 0.7);
+    let body = with_field(&mesh, 600.0, 500.0, 0.1, &|p| 1.0 + 0.3 * libm::sin(p.x * 90.0));
+    let folder = tempfile::tempdir().unwrap();
+    body.save(&folder.path().join("x.body")).unwrap();
+    let body = Arc::new(StoredBody::open(&folder.path().join("x.body"), None).unwrap());
+    for slip_at in [None, Some(100)] {
+        COUNTED.store(0, Ordering::Relaxed);
+        let moves = [
+            Move::Press { depth_m: 5e-3, seconds: 0.1 },
+            Move::Circle { radius_m: 5e-3, turns: 2.0, seconds: 1.0 },
+            Move::Tap { depth_m: -8e-3, times: 3, seconds: 0.4 },
+        ];
+        let script = Script::new(DVec3::Z * 0.03, 1e-3, -DVec3::Z, DVec3::X, &moves).unwrap();
+        let (hand, _) = presets::hand("fingers").unwrap();
+        let device = Simulated::new(presets::device("touch").unwrap(), hand, Box::new(script));
+        let device = Watching { device, until_s: 1.4, reads: 0, slip_at };
+        let stages = Safety::default().stages(device.capabilities(), 1000.0).unwrap();
+        let haptics = HapticLoop::new(Contact::new(body.outline()), WorkspaceMap::default(), stages);
+        let (recorder, records) = ring(4000);
+        let path = folder.path().join(format!("{slip_at:?}.rec"));
+        let file = RecordingFile::create(&path, false, &Header::default()).unwrap();
+        let scribe = Scribe::start(records, Some(file), 1000.0).unwrap();
+        let settings = Settings {
+            seconds: Some(1.5),
+            patch_elements: 200,
+            real_time: RealTime { priority: None, own_core: false, spin_s: 0.0 },
+            patience: Patience { late_s: 5.0, finder_s: 5.0, pose_s: 5.0, ..Patience::default() },
+            ..Settings::new(1000.0)
+        };
+        let opened = Opened::new(Box::new(device)).unwrap();
+        let report = Session::start(body.clone(), opened, haptics, recorder, settings).unwrap().join();
+        let finished = scribe.finish("");
+        assert_eq!(report.end, End::Done);
+        assert!(finished.trouble.is_none() && finished.summary.periods_in_contact > 300);
+        // An allocation and its end.
+        assert_eq!(COUNTED.load(Ordering::Relaxed), slip_at.map_or(0, |_| 2), "{slip_at:?}");
+    }
+}
