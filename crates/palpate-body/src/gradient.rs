@@ -14,7 +14,7 @@
 //! All in single precision, four numbers at a time: it moves a gradient by some 10⁻⁷ of itself.
 
 use crate::body::Node;
-use crate::curve::{Curve, MAX_KNOTS};
+use crate::curve::Curve;
 use crate::response::{Known, POWERS, Response, Responses, Strain};
 use crate::surface::Element;
 use crate::tensor::Tensor;
@@ -352,45 +352,46 @@ fn value([a, b, c, d, e]: &Row, [p, q, r, s, t]: &[f32; POWERS]) -> Vec4 {
 /// which bound the curves, and the slope past the end. What holds of the forces holds of their integrals.
 fn steepest(terms: &[(u32, DVec3)], node: &Node, curves: &[Response]) -> f64 {
     // A test point that answers nothing.
-    static ZEROS: [[f64; 4]; MAX_KNOTS] = [[0.0; 4]; MAX_KNOTS];
+    const ZEROS: &[[f64; 4]] = &[];
     if terms.is_empty() {
         return 0.0;
     }
     let curve_kinds: [fn(&Response) -> &Curve; 2] = [|r| &r.normal, |r| &r.lateral];
     let mut most = 0.0f64;
     for kind in curve_kinds {
-        let of = |t: u32| curves.get(t as usize).map_or(&ZEROS[..], |r| kind(r).ordinates());
+        let of = |t: u32| curves.get(t as usize).map_or(ZEROS, |r| kind(r).ordinates());
         let reference = of(node.test_points[0]);
         let own = node.test_points.map(of);
-        let intervals = reference.len().min(own[1].len()).min(own[2].len());
-        let mut squares = |row: &dyn Fn(&[[f64; 4]]) -> [f64; 4]| {
-            let base = row(reference);
+        let intervals = reference.len();
+        // Past the end it is the slope that counts.
+        let row = |ordinates: &[[f64; 4]], i: usize| match ordinates.get(i) {
+            Some(row) => *row,
+            None => ordinates.last().map_or([0.0; 4], |[.., c, d]| [d - c, 0.0, 0.0, 0.0]),
+        };
+        for i in 0..=intervals {
+            let base = row(reference, i);
             let mut force = [0.0; 4];
             for (ordinates, w) in own.into_iter().zip(node.weights) {
-                force.iter_mut().zip(row(ordinates)).for_each(|(force, b)| *force += w * b);
+                let b = row(ordinates, i);
+                (0..4).for_each(|k| force[k] += w * b[k]);
             }
-            let mut sums = [[0.0; 4]; 3];
+            let [mut x, mut y, mut z] = [[0.0; 4]; 3];
             for (t, g) in terms {
-                let b = row(of(*t));
-                for (sums, g) in sums.iter_mut().zip(g.to_array()) {
-                    (0..4).for_each(|k| sums[k] += g * (b[k] - base[k]));
+                let b = row(of(*t), i);
+                for k in 0..4 {
+                    let difference = b[k] - base[k];
+                    x[k] += g.x * difference;
+                    y[k] += g.y * difference;
+                    z[k] += g.z * difference;
                 }
             }
             for k in 0..4 {
-                let [x, y, z] = sums.map(|s| s[k]);
-                let (slope, force) = (x * x + y * y + z * z, force[k] * force[k]);
+                let (slope, force) = (x[k] * x[k] + y[k] * y[k] + z[k] * z[k], force[k] * force[k]);
                 if slope > most * force {
                     most = slope / force;
                 }
             }
-        };
-        for i in 0..intervals {
-            squares(&|ordinates| ordinates[i]);
         }
-        squares(&|ordinates| {
-            let [.., c, d] = ordinates[intervals - 1];
-            [d - c, 0.0, 0.0, 0.0]
-        });
     }
     most.sqrt()
 }

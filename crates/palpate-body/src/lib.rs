@@ -38,6 +38,7 @@ pub mod file;
 pub mod gradient;
 pub mod import;
 pub mod patch;
+mod ranks;
 pub mod repair;
 pub mod response;
 pub mod search;

@@ -7,6 +7,7 @@
 //! [`step`]: https://docs.rs/palpate-engine
 
 use crate::body::Body;
+use crate::ranks::Ranks;
 use crate::search::Search;
 use crate::surface::{Element, FENCE, NO_TWIN};
 use glam::DVec3;
@@ -17,11 +18,11 @@ use std::collections::BinaryHeap;
 #[derive(Debug)]
 pub struct Patch {
     body: Body,
-    /// Numbers in the whole body, ascending; an element's place here is its number in the patch. Likewise nodes and test
+    /// Numbers in the whole body, ascending; an element's rank is its number in the patch. Likewise nodes and test
     /// points: what is compared by its number compares alike.
-    elements: Vec<u32>,
-    nodes: Vec<u32>,
-    test_points: Vec<u32>,
+    elements: Ranks,
+    nodes: Ranks,
+    test_points: Ranks,
     centre: DVec3,
     radius_m: f64,
     groups: Vec<u32>,
@@ -44,19 +45,14 @@ impl Patch {
     pub(crate) fn empty(outline: Body) -> Self {
         Patch {
             body: outline,
-            elements: Vec::new(),
-            nodes: Vec::new(),
-            test_points: Vec::new(),
+            elements: Ranks::default(),
+            nodes: Ranks::default(),
+            test_points: Ranks::default(),
             centre: DVec3::ZERO,
             radius_m: 0.0,
             groups: Vec::new(),
             queue: Queue::new(),
         }
-    }
-
-    /// The elements' numbers in what they are copied from.
-    pub(crate) fn numbers_mut(&mut self) -> &mut Vec<u32> {
-        &mut self.elements
     }
 
     /// Takes the `count` elements nearest to `centre` (m), up to seven more; all there are if there are fewer. The same
@@ -65,54 +61,55 @@ impl Patch {
     /// `body` must be the one the patch was made of.
     pub fn take(&mut self, body: &Body, centre: [f64; 3], count: usize) {
         self.choose(&body.search, centre, count);
-        self.copy(body);
+        let elements = std::mem::take(&mut self.elements);
+        self.copy(body, &elements);
+        self.elements = elements;
     }
 
-    /// Chooses the elements to take by the whole body's tree, and copies of that what concerns them.
-    pub(crate) fn choose(&mut self, search: &Search, centre: [f64; 3], count: usize) {
+    /// Chooses the elements to take by the whole body's tree, and copies of that what concerns them. Returns them.
+    pub(crate) fn choose(&mut self, search: &Search, centre: [f64; 3], count: usize) -> &[u32] {
         self.centre = DVec3::from_array(centre);
         let Patch { elements, groups, queue, .. } = self;
         self.radius_m = search.nearest_groups(self.centre, count, groups, queue);
-        elements.clear();
-        elements.extend(groups.iter().flat_map(|&g| search.group(g)));
-        elements.sort_unstable();
-        self.body.search.copy(search, groups, |e| place(elements, e));
+        elements.fill(groups.iter().flat_map(|&g| search.group(g)));
+        self.body.search.copy(search, groups, |e| elements.renumber(e));
+        self.elements.list()
     }
 
-    /// Copies the chosen elements of `body`, the whole one, and what they need.
-    pub(crate) fn copy(&mut self, body: &Body) {
-        let Patch { elements, nodes, test_points, .. } = self;
-        let whole = |e: &u32| &body.elements[*e as usize];
-        sorted_into(nodes, elements.iter().flat_map(|e| whole(e).nodes));
-        let mixed = nodes.iter().flat_map(|&n| body.nodes[n as usize].test_points);
+    /// Copies the chosen elements, which are these of `body`, and what they need.
+    pub(crate) fn copy(&mut self, body: &Body, elements: &Ranks) {
+        let Patch { nodes, test_points, .. } = self;
+        let chosen = || elements.list().iter().map(|&e| body.elements[e as usize]);
+        nodes.fill(chosen().flat_map(|e| e.nodes));
+        let mixed = nodes.list().iter().flat_map(|&n| body.nodes[n as usize].test_points);
         let gradients = body.derived_gradients();
-        let neighbours = gradients.into_iter().flat_map(|g| nodes.iter().flat_map(|&n| g.term_points(n)));
-        sorted_into(test_points, mixed.chain(neighbours));
+        let neighbours =
+            gradients.into_iter().flat_map(|g| nodes.list().iter().flat_map(|&n| g.term_points(n)));
+        test_points.fill(mixed.chain(neighbours));
 
         let to = &mut self.body;
         to.nodes.clear();
-        to.nodes.extend(nodes.iter().map(|&n| {
+        to.nodes.extend(nodes.list().iter().map(|&n| {
             let mut node = body.nodes[n as usize];
-            node.test_points = node.test_points.map(|t| place(test_points, t));
+            node.test_points = node.test_points.map(|t| test_points.renumber(t));
             node
         }));
         to.elements.clear();
-        to.elements.extend(elements.iter().map(whole).map(|element| Element {
-            nodes: element.nodes.map(|n| place(nodes, n)),
-            twins: element.twins.map(|twin| match elements.binary_search(&(twin / 3)) {
-                _ if twin == NO_TWIN => NO_TWIN,
-                Ok(there) => 3 * there as u32 + twin % 3,
-                Err(_) => FENCE,
+        to.elements.extend(chosen().map(|element| Element {
+            nodes: element.nodes.map(|n| nodes.renumber(n)),
+            twins: element.twins.map(|twin| match twin {
+                NO_TWIN => NO_TWIN,
+                twin => elements.renumber_twin(twin, FENCE),
             }),
         }));
         to.lateral_tensors.clear();
         if !body.is_isotropic() {
-            to.lateral_tensors.extend(nodes.iter().map(|&n| body.lateral_tensors[n as usize]));
+            to.lateral_tensors.extend(nodes.list().iter().map(|&n| body.lateral_tensors[n as usize]));
         }
-        to.responses.copy(&body.responses, test_points);
+        to.responses.copy(&body.responses, test_points.list());
         if let Some(from) = gradients {
             let mut copy = to.take_gradients();
-            copy.copy(from, nodes, &body.responses, |t| place(test_points, t));
+            copy.copy(from, nodes.list(), &body.responses, |t| test_points.renumber(t));
             to.set_gradients(copy);
         }
     }
@@ -151,7 +148,7 @@ impl Patch {
     /// Logarithmic, never panics.
     #[inline]
     pub fn local(&self, element: u32) -> Option<u32> {
-        self.elements.binary_search(&element).ok().map(|e| e as u32)
+        self.elements.rank(element)
     }
 
     /// An element's number in the whole body; its own number for one that the patch doesn't hold.
@@ -160,7 +157,7 @@ impl Patch {
     /// O(1), never panics.
     #[inline]
     pub fn global(&self, element: u32) -> u32 {
-        self.elements.get(element as usize).copied().unwrap_or(element)
+        self.elements.list().get(element as usize).copied().unwrap_or(element)
     }
 
     /// Locks what a step reads into RAM.
@@ -169,19 +166,6 @@ impl Patch {
     /// The operating system's limit on locked memory is too low.
     pub fn lock_memory(&self) -> std::io::Result<()> {
         self.body.lock_memory()?;
-        crate::file::lock(bytemuck::cast_slice(&self.elements))
+        self.elements.memory().try_for_each(crate::file::lock)
     }
-}
-
-/// Fills `list` with the values, each once, ascending.
-pub(crate) fn sorted_into(list: &mut Vec<u32>, values: impl Iterator<Item = u32>) {
-    list.clear();
-    list.extend(values);
-    list.sort_unstable();
-    list.dedup();
-}
-
-/// Where `value` is in a sorted list that holds it; what no list holds stays itself.
-pub(crate) fn place(list: &[u32], value: u32) -> u32 {
-    list.binary_search(&value).map_or(value, |at| at as u32)
 }

@@ -14,7 +14,8 @@ use crate::body::{
 use crate::error::{BodyError, Result};
 use crate::file::{CURVES, File, SharedKnots, mapped};
 use crate::gradient::Gradients;
-use crate::patch::{Patch, place, sorted_into};
+use crate::patch::Patch;
+use crate::ranks::Ranks;
 use crate::response::{Response, Responses};
 use crate::search::{Search, point};
 use crate::source::{BodySource, Extent, mixed_inward, no_surface};
@@ -216,12 +217,10 @@ impl StoredBody {
         Ok(bytemuck::pod_collect_to_vec(&self.bytes_of_rows(start, size_of::<T>(), which)?))
     }
 
-    /// Elements with their numbers.
-    fn elements(&self, which: &[u32]) -> Result<Vec<(u32, Element)>> {
+    fn elements(&self, which: &[u32]) -> Result<Vec<Element>> {
         let (nodes, twins) =
             (self.rows(self.tensors.triangles, which)?, self.rows(self.tensors.twins, which)?);
-        let elements = nodes.into_iter().zip(twins).map(|(nodes, twins)| Element { nodes, twins });
-        Ok(which.iter().copied().zip(elements).collect())
+        Ok(nodes.into_iter().zip(twins).map(|(nodes, twins)| Element { nodes, twins }).collect())
     }
 
     /// Responses of test points.
@@ -237,74 +236,74 @@ impl StoredBody {
         which.iter().enumerate().map(row).collect()
     }
 
-    /// Adds the elements around the nodes of those that are `known`, sorted, where one of these is not yet among them.
-    fn complete(&self, known: &mut Vec<(u32, Element)>) -> Result<()> {
-        let mut nodes = Vec::new();
-        sorted_into(&mut nodes, known.iter().flat_map(|(_, e)| e.nodes));
-        let mut fresh = known.clone();
+    /// The other elements around the nodes of these, and their numbers.
+    fn around(&self, known: &Ranks, elements: &[Element]) -> Result<(Vec<u32>, Vec<Element>)> {
+        let nodes = Ranks::of(elements.iter().flat_map(|e| e.nodes));
+        let (mut numbers, mut around): (Vec<u32>, Vec<Element>) = (Vec::new(), Vec::new());
+        let mut seen = 0;
         loop {
+            let last = if numbers.is_empty() { elements } else { &around[seen..] };
             let mut wanted = Vec::new();
-            for (edge, element) in fresh.iter().flat_map(|(_, e)| (0..3).map(move |edge| (edge, e))) {
-                let there = element.twins[edge] / 3;
-                let is_wanted = element.twins[edge] < FENCE
-                    && known.binary_search_by_key(&there, |(e, _)| *e).is_err()
-                    && [edge, (edge + 1) % 3].iter().any(|&i| nodes.binary_search(&element.nodes[i]).is_ok());
-                wanted.extend(is_wanted.then_some(there));
+            for element in last {
+                for (edge, twin) in element.twins.into_iter().enumerate() {
+                    let is_known = || known.rank(twin / 3).is_some() || numbers.contains(&(twin / 3));
+                    let joins =
+                        || [edge, (edge + 1) % 3].iter().any(|&i| nodes.rank(element.nodes[i]).is_some());
+                    wanted.extend((twin < FENCE && !is_known() && joins()).then_some(twin / 3));
+                }
             }
             if wanted.is_empty() {
-                return Ok(());
+                return Ok((numbers, around));
             }
             wanted.sort_unstable();
             wanted.dedup();
-            fresh = self.elements(&wanted)?;
-            known.extend_from_slice(&fresh);
-            known.sort_unstable_by_key(|(e, _)| *e);
+            seen = around.len();
+            around.extend(self.elements(&wanted)?);
+            numbers.extend(wanted);
         }
     }
 
-    /// A body of these elements and what their gradients need, and the elements' numbers in the file. It has no tree.
-    fn excerpt(&self, elements: &[u32]) -> Result<(Body, Vec<u32>)> {
-        let mut known = self.elements(elements)?;
+    /// A body of these elements and what their gradients need, and which of its elements they are. It has no tree.
+    fn excerpt(&self, chosen: &[u32]) -> Result<(Body, Ranks)> {
+        let mut elements = self.elements(chosen)?;
+        let mut numbers = Ranks::of(chosen.iter().copied());
         if self.gradients {
-            self.complete(&mut known)?;
+            let (others, around) = self.around(&numbers, &elements)?;
+            let all = chosen.iter().copied().zip(elements).chain(others.into_iter().zip(around));
+            let mut all: Vec<_> = all.collect();
+            all.sort_unstable_by_key(|(e, _)| *e);
+            numbers = Ranks::of(all.iter().map(|(e, _)| *e));
+            elements = all.into_iter().map(|(_, element)| element).collect();
         }
-        let numbers: Vec<u32> = known.iter().map(|(e, _)| *e).collect();
-        let (mut nodes, mut points) = (Vec::new(), Vec::new());
-        sorted_into(&mut nodes, known.iter().flat_map(|(_, e)| e.nodes));
-        let mixed: Vec<[u32; 3]> = self.rows(self.tensors.mixed, &nodes)?;
-        sorted_into(&mut points, mixed.iter().flatten().copied());
-        let responses = self.responses(&points)?;
+        let nodes = Ranks::of(elements.iter().flat_map(|e| e.nodes));
+        let which = nodes.list();
+        let mixed: Vec<[u32; 3]> = self.rows(self.tensors.mixed, which)?;
+        let points = Ranks::of(mixed.iter().flatten().copied());
+        let responses = self.responses(points.list())?;
 
         let mut body = self.outline.clone();
         body.responses = Responses::new(&responses)?;
-        let positions = self.rows(self.tensors.positions, &nodes)?.into_iter();
-        let inward = self.rows(self.tensors.inward, &nodes)?;
-        let mixes = mixed
-            .into_iter()
-            .zip(self.rows(self.tensors.weights, &nodes)?)
-            .map(|(t, weights)| NodeMix { test_points: t.map(|t| place(&points, t)), weights });
+        let positions = self.rows(self.tensors.positions, which)?.into_iter();
+        let inward = self.rows(self.tensors.inward, which)?;
+        let mixes = mixed.into_iter().zip(self.rows(self.tensors.weights, which)?);
+        let mixes = mixes.map(|(t, weights)| NodeMix { test_points: t.map(|t| points.renumber(t)), weights });
         let rest = positions.zip(inward).zip(mixes);
         body.nodes = rest.map(|((position, inward), mix)| Node::new(position, inward, &mix)).collect();
-        body.elements = known
-            .iter()
-            .map(|(_, e)| Element {
-                nodes: e.nodes.map(|n| place(&nodes, n)),
-                twins: e.twins.map(|twin| match numbers.binary_search(&(twin / 3)) {
-                    Ok(there) => 3 * there as u32 + twin % 3,
-                    // At a border it is no element's, and stays what it is.
-                    Err(_) => twin.max(FENCE),
-                }),
-            })
-            .collect();
+        let local = |e: Element| Element {
+            nodes: e.nodes.map(|n| nodes.renumber(n)),
+            // At a border it is no element's, and stays what it is.
+            twins: e.twins.map(|twin| numbers.renumber_twin(twin, twin.max(FENCE))),
+        };
+        body.elements = elements.into_iter().map(local).collect();
         if !self.isotropic {
-            body.lateral_tensors = self.rows(self.tensors.lateral_tensors, &nodes)?;
+            body.lateral_tensors = self.rows(self.tensors.lateral_tensors, which)?;
         }
         if self.gradients {
             let Body { nodes, elements, lateral_tensors, responses: table, .. } = &body;
             let gradients = Gradients::new(nodes, elements, lateral_tensors, table, &responses);
             body.set_gradients(gradients);
         }
-        Ok((body, numbers))
+        Ok((body, Ranks::of(chosen.iter().map(|&e| numbers.renumber(e)))))
     }
 
     /// Corners of an element, and the inward normals there, m.
@@ -347,17 +346,14 @@ impl BodySource for StoredBody {
     }
 
     fn take(&self, patch: &mut Patch, centre: [f64; 3], count: usize) -> Result<()> {
-        patch.choose(&self.search, centre, count);
-        let whole = patch.numbers_mut().clone();
-        let (excerpt, numbers) = self.excerpt(&whole).map_err(|e| e.in_file(&self.path))?;
+        let chosen = patch.choose(&self.search, centre, count);
+        let (excerpt, elements) = self.excerpt(chosen).map_err(|e| e.in_file(&self.path))?;
         // What was read is what was checked, as far as a file's length and time tell.
         if Stamp::of(&self.file).map_err(|e| self.changed(e))? != self.stamp {
             let problem = "it was changed while it was in use";
             return Err(BodyError::invalid("body file", problem, "start again").in_file(&self.path));
         }
-        patch.numbers_mut().iter_mut().for_each(|e| *e = place(&numbers, *e));
-        patch.copy(&excerpt);
-        *patch.numbers_mut() = whole;
+        patch.copy(&excerpt, &elements);
         Ok(())
     }
 
