@@ -486,6 +486,15 @@ impl Body {
         point(self.corners(at.element), at.n)
     }
 
+    /// The mix of the nodes' inward normals at a point of the surface, of unit length.
+    ///
+    /// # Real-time
+    /// As [`Body::element_nodes`].
+    #[inline]
+    pub fn inward(&self, at: crate::SurfacePoint) -> DVec3 {
+        mixed_inward(self.element_nodes(at.element).map(|n| n.inward), at.n)
+    }
+
     /// The neighbour across edge `edge` of `element`, and which edge of it that is.
     ///
     /// # Real-time
@@ -560,6 +569,12 @@ impl Body {
         let gradients = self.derived_gradients().into_iter().flat_map(Gradients::memory);
         parts.into_iter().chain(self.responses.memory()).chain(self.search.memory()).chain(gradients)
     }
+}
+
+/// The mix of three nodes' inward normals, of unit length.
+#[inline]
+pub(crate) fn mixed_inward(inward: [DVec3; 3], n: [f64; 3]) -> DVec3 {
+    inward.into_iter().zip(n).map(|(u, n)| u * n).sum::<DVec3>().normalize_or_zero()
 }
 
 /// Elements around a vertex that are looked at; real meshes have 3 to 20.

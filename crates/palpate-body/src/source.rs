@@ -4,7 +4,6 @@ use crate::body::Body;
 use crate::error::{BodyError, Result};
 use crate::patch::Patch;
 use crate::response::Response;
-use crate::search::point;
 use crate::tensor::Tensor;
 use glam::DVec3;
 use std::fmt::Debug;
@@ -90,11 +89,6 @@ pub(crate) fn no_surface() -> BodyError {
     BodyError::invalid("surface", "there is none", "make the body again")
 }
 
-/// The mix of three nodes' inward normals, of unit length.
-pub(crate) fn mixed_inward(inward: [DVec3; 3], n: [f64; 3]) -> DVec3 {
-    inward.into_iter().zip(n).map(|(u, n)| u * n).sum::<DVec3>().normalize()
-}
-
 impl BodySource for Body {
     fn outline(&self) -> &Body {
         self
@@ -119,8 +113,7 @@ impl BodySource for Body {
 
     fn nearest(&self, p: DVec3) -> Result<[DVec3; 2]> {
         let at = Body::nearest(self, p, f64::INFINITY).ok_or_else(no_surface)?.at;
-        let nodes = self.element_nodes(at.element);
-        Ok([point(nodes.map(|n| n.position), at.n), mixed_inward(nodes.map(|n| n.inward), at.n)])
+        Ok([self.point(at), self.inward(at)])
     }
 
     fn each_response(&self, visit: &mut dyn FnMut(&Response)) -> Result<()> {

@@ -9,7 +9,7 @@
 
 use crate::body::{
     Body, Node, NodeMix, Provenance, SlipRule, Tool, border_nodes, check_mix, check_surface,
-    check_test_points, creased,
+    check_test_points, creased, mixed_inward,
 };
 use crate::error::{BodyError, Result};
 use crate::file::{CURVES, File, SharedKnots, mapped};
@@ -18,7 +18,7 @@ use crate::patch::Patch;
 use crate::ranks::Ranks;
 use crate::response::{Response, Responses};
 use crate::search::{Search, point};
-use crate::source::{BodySource, Extent, mixed_inward, no_surface};
+use crate::source::{BodySource, Extent, no_surface};
 use crate::surface::{Columns, Element, Elements, FENCE};
 use crate::tensor::{self, IDENTITY, Tensor};
 use bytemuck::Pod;

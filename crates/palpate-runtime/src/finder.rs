@@ -18,12 +18,12 @@ use std::sync::Arc;
 /// How many elements a patch has: some 2.5 mm around a contact point on a body of the size of a fist with five million.
 pub const PATCH_ELEMENTS: usize = 8192;
 
-/// A patch is renewed when the tool is this share of its radius from its middle.
+/// A patch is renewed when the tool is this share of its reach from its middle: of its radius, less the tool's if that is free.
 const WORN: f64 = 0.25;
 /// How far ahead of the tool the next patch is put, s: what making the last one took, and no less nor more than this.
 const AHEAD: [f64; 2] = [5e-3, 50e-3];
-/// But no farther than this share of its radius: the tool's element is sure to be in it.
-const FARTHEST: f64 = 0.5;
+/// But no farther from what must be in it than this share of its reach.
+const FARTHEST: f64 = 0.6;
 
 /// A patch and which one it is.
 #[derive(Debug)]
@@ -34,11 +34,45 @@ pub struct Parcel {
     pub(crate) asked: usize,
 }
 
+/// What the haptic thread tells the finder.
+#[derive(Debug, Clone, Copy)]
+struct Sight {
+    time_s: f64,
+    /// What the next patch must hold, m: the contact point, or a free tool.
+    place: DVec3,
+    /// Where the contact point would be if nothing held it, m: beside the tool.
+    aim: DVec3,
+    /// The last patch that came, whether it was taken or not.
+    serial: u64,
+    is_free: bool,
+    /// Whether the loop waits for a patch.
+    waits: bool,
+}
+
+impl Sight {
+    fn words(&self) -> [u64; 9] {
+        let ([a, b, c], [d, e, f]) = (self.place.to_array(), self.aim.to_array());
+        let [time, a, b, c, d, e, f] = [self.time_s, a, b, c, d, e, f].map(f64::to_bits);
+        [time, a, b, c, d, e, f, self.serial, u64::from(self.is_free) << 1 | u64::from(self.waits)]
+    }
+
+    fn of([time, a, b, c, d, e, f, serial, flags]: [u64; 9]) -> Self {
+        let point = |words: [u64; 3]| DVec3::from_array(words.map(f64::from_bits));
+        Sight {
+            time_s: f64::from_bits(time),
+            place: point([a, b, c]),
+            aim: point([d, e, f]),
+            serial,
+            is_free: flags & 2 != 0,
+            waits: flags & 1 != 0,
+        }
+    }
+}
+
 /// What the two share.
 #[derive(Debug, Default)]
 pub struct Link {
-    /// Time, the place that a patch should be around, and whether one is missed.
-    look: Board<5>,
+    look: Board<9>,
     fresh: Mailbox<Parcel>,
     used: Mailbox<Parcel>,
     beats: AtomicU64,
@@ -56,6 +90,8 @@ impl Link {
 pub struct Footing {
     link: Arc<Link>,
     parcel: Box<Parcel>,
+    /// The last one that came.
+    serial: u64,
     /// Patches that came without the contact point's element.
     refused: u64,
 }
@@ -99,7 +135,7 @@ pub fn footing(
     // One under way in each direction, one in the making.
     let count = if newest.1.is_finite() { 3 } else { 0 };
     let hands = (0..count).map(|_| parcel(0)).collect::<palpate_body::Result<_>>()?;
-    let footing = Footing { link: link.clone(), parcel: first, refused: 0 };
+    let footing = Footing { link: link.clone(), parcel: first, serial: 1, refused: 0 };
     Ok((
         footing,
         Finder {
@@ -146,6 +182,7 @@ impl Footing {
             return;
         }
         let Some(mut next) = self.link.fresh.take() else { return };
+        self.serial = next.serial;
         let old = &self.parcel.patch;
         if contact.renumber(|e| next.patch.local(old.global(e))) {
             std::mem::swap(&mut self.parcel, &mut next);
@@ -158,15 +195,20 @@ impl Footing {
         }
     }
 
-    /// Says at `time_s` where the next patch should be: around the contact point, or a free tool at `tip_m`; and whether the
-    /// loop waits for it.
+    /// Says at `time_s` where the contact is, or a free tool at `tip_m`, and where it is drawn to; and whether the loop waits
+    /// for a patch.
     ///
     /// # Real-time
     /// A few atomic stores.
     pub fn report(&self, time_s: f64, tip_m: [f64; 3], contact: &Contact, waits: bool) {
-        let place = contact.touching().map_or(tip_m, |at| self.parcel.patch.body().point(at).to_array());
-        let [x, y, z] = place.map(f64::to_bits);
-        self.link.look.write(&[time_s.to_bits(), x, y, z, u64::from(waits)]);
+        let (body, tip) = (self.parcel.patch.body(), DVec3::from_array(tip_m));
+        let touching = contact.touching();
+        let (place, aim) = touching.map_or((tip, tip), |at| {
+            let (place, inward) = (body.point(at), body.inward(at));
+            (place, tip - inward * (tip - place).dot(inward))
+        });
+        let sight = Sight { time_s, place, aim, serial: self.serial, is_free: touching.is_none(), waits };
+        self.link.look.write(&sight.words());
     }
 }
 
@@ -178,34 +220,44 @@ impl Finder {
     pub fn look(&mut self) -> palpate_body::Result<bool> {
         self.link.beats.fetch_add(1, Ordering::Relaxed);
         self.hands.extend(self.link.used.take());
-        let Some(([time, x, y, z, waits], times)) = self.link.look.read() else { return Ok(false) };
-        let place = DVec3::from_array([x, y, z].map(f64::from_bits));
-        if times == 0 || !place.is_finite() {
+        let Some((words, times)) = self.link.look.read() else { return Ok(false) };
+        let sight = Sight::of(words);
+        let Sight { time_s, place, aim, is_free, .. } = sight;
+        if times == 0 || !(place.is_finite() && aim.is_finite()) {
             return Ok(false);
         }
-        self.follow(f64::from_bits(time), place);
+        self.follow(time_s, aim);
         let (centre, radius) = self.newest;
-        let ahead = self.velocity * self.took.clamp(AHEAD[0], AHEAD[1]);
-        let ahead = ahead.clamp_length_max(FARTHEST * radius);
-        let target = if ahead.is_finite() { place + ahead } else { place };
-        let worn = target.distance(centre) > WORN * radius || (waits != 0 && place.distance(centre) > 0.0);
-        if !worn || radius == f64::INFINITY {
+        if radius == f64::INFINITY {
+            return Ok(false);
+        }
+        let reach = (radius - if is_free { self.body.outline().tool().radius_m } else { 0.0 }).max(0.0);
+        let ahead = aim + self.velocity * self.took.clamp(AHEAD[0], AHEAD[1]) - place;
+        let ahead = if ahead.is_finite() { ahead.clamp_length_max(FARTHEST * reach) } else { DVec3::ZERO };
+        let mut target = place + ahead;
+        let worn = target.distance(centre) > WORN * reach;
+        // The newest patch has come and does not do, though it is where it should be.
+        if !worn && sight.waits && sight.serial == self.serial {
+            target = place;
+        } else if !worn {
+            return Ok(false);
+        }
+        if target == centre {
             return Ok(false);
         }
         let Some(mut parcel) = self.hands.pop() else { return Ok(false) };
-        let centre = if waits != 0 { place } else { target }.to_array();
-        self.body.take(&mut parcel.patch, centre, self.elements)?;
+        self.body.take(&mut parcel.patch, target.to_array(), self.elements)?;
         let _ = parcel.patch.lock_memory();
         self.serial += 1;
         (parcel.serial, parcel.asked) = (self.serial, self.elements);
         self.newest = (parcel.patch.centre_m().into(), parcel.patch.radius_m());
         self.hands.extend(self.link.fresh.post(parcel));
-        let now = self.link.look.read().map_or(f64::NAN, |([now, ..], _)| f64::from_bits(now));
-        self.took = (now - f64::from_bits(time)).max(0.0);
+        let now = self.link.look.read().map_or(f64::NAN, |(words, _)| Sight::of(words).time_s);
+        self.took = (now - time_s).max(0.0);
         Ok(true)
     }
 
-    /// The velocity of the place, smoothed over a few looks.
+    /// The velocity of what it is drawn to, smoothed over a few looks.
     fn follow(&mut self, time: f64, place: DVec3) {
         let Some((then, before)) = self.seen else {
             self.seen = Some((time, place));
