@@ -24,6 +24,11 @@ const WORN: f64 = 0.25;
 const AHEAD: [f64; 2] = [5e-3, 50e-3];
 /// But no farther from what must be in it than this share of its reach.
 const FARTHEST: f64 = 0.6;
+/// Where that is not far enough, or the contact point waits, patches have this part of the elements: they take so much less to
+/// make, and reach half as far.
+const HASTE: usize = 4;
+/// But no fewer than this, if as many were asked for: a patch of few elements knows little more than these.
+const LEAST: usize = 512;
 
 /// A patch and which one it is.
 #[derive(Debug)]
@@ -105,12 +110,35 @@ pub struct Finder {
     #[expect(clippy::vec_box, reason = "the mailboxes hand over boxes, and these go round")]
     hands: Vec<Box<Parcel>>,
     serial: u64,
-    /// Middle and radius of the newest patch.
-    newest: (DVec3, f64),
+    newest: Newest,
     seen: Option<(f64, DVec3)>,
     velocity: DVec3,
     /// What making the last patch took, by the loop's time, s.
     took: f64,
+}
+
+/// What is known of the newest patch.
+#[derive(Debug, Clone, Copy)]
+struct Newest {
+    centre: DVec3,
+    radius_m: f64,
+    /// Elements it was asked for.
+    asked: usize,
+}
+
+impl Newest {
+    fn of(parcel: &Parcel) -> Self {
+        Newest {
+            centre: parcel.patch.centre_m().into(),
+            radius_m: parcel.patch.radius_m(),
+            asked: parcel.asked,
+        }
+    }
+
+    /// How far one of so many elements would reach, m: an area grows as they do.
+    fn radius_of_m(&self, elements: usize) -> f64 {
+        self.radius_m * (elements as f64 / self.asked.max(1) as f64).sqrt()
+    }
 }
 
 /// Both ends, with a first patch around `place_m` of `elements` elements.
@@ -131,9 +159,9 @@ pub fn footing(
         Ok(Box::new(Parcel { patch, serial, asked: elements }))
     };
     let first = parcel(1)?;
-    let newest = (first.patch.centre_m().into(), first.patch.radius_m());
+    let newest = Newest::of(&first);
     // One under way in each direction, one in the making.
-    let count = if newest.1.is_finite() { 3 } else { 0 };
+    let count = if newest.radius_m.is_finite() { 3 } else { 0 };
     let hands = (0..count).map(|_| parcel(0)).collect::<palpate_body::Result<_>>()?;
     let footing = Footing { link: link.clone(), parcel: first, serial: 1, refused: 0 };
     Ok((
@@ -227,30 +255,37 @@ impl Finder {
             return Ok(false);
         }
         self.follow(time_s, aim);
-        let (centre, radius) = self.newest;
-        if radius == f64::INFINITY {
+        let newest = self.newest;
+        if newest.radius_m == f64::INFINITY {
             return Ok(false);
         }
-        let reach = (radius - if is_free { self.body.outline().tool().radius_m } else { 0.0 }).max(0.0);
+        // A free tool must be within the patch as it is large.
+        let tool = if is_free { self.body.outline().tool().radius_m } else { 0.0 };
+        let reach = |elements| (newest.radius_of_m(elements) - tool).max(0.0);
         let ahead = aim + self.velocity * self.took.clamp(AHEAD[0], AHEAD[1]) - place;
-        let ahead = if ahead.is_finite() { ahead.clamp_length_max(FARTHEST * reach) } else { DVec3::ZERO };
-        let mut target = place + ahead;
-        let worn = target.distance(centre) > WORN * reach;
+        let ahead = if ahead.is_finite() { ahead } else { DVec3::ZERO };
+        let hurries = !is_free && (sight.waits || ahead.length() > FARTHEST * reach(self.elements));
+        let mut elements = self.elements;
+        if hurries {
+            elements = elements.min((elements / HASTE).max(LEAST));
+        }
+        let mut target = place + ahead.clamp_length_max(FARTHEST * reach(elements));
+        let worn = target.distance(newest.centre) > WORN * reach(newest.asked);
         // The newest patch has come and does not do, though it is where it should be.
         if !worn && sight.waits && sight.serial == self.serial {
-            target = place;
+            (target, elements) = (place, self.elements);
         } else if !worn {
             return Ok(false);
         }
-        if target == centre {
+        if target == newest.centre {
             return Ok(false);
         }
         let Some(mut parcel) = self.hands.pop() else { return Ok(false) };
-        self.body.take(&mut parcel.patch, target.to_array(), self.elements)?;
+        self.body.take(&mut parcel.patch, target.to_array(), elements)?;
         let _ = parcel.patch.lock_memory();
         self.serial += 1;
-        (parcel.serial, parcel.asked) = (self.serial, self.elements);
-        self.newest = (parcel.patch.centre_m().into(), parcel.patch.radius_m());
+        (parcel.serial, parcel.asked) = (self.serial, elements);
+        self.newest = Newest::of(&parcel);
         self.hands.extend(self.link.fresh.post(parcel));
         let now = self.link.look.read().map_or(f64::NAN, |(words, _)| Sight::of(words).time_s);
         self.took = (now - time_s).max(0.0);
