@@ -18,9 +18,9 @@ use std::collections::BinaryHeap;
 #[derive(Debug)]
 pub struct Patch {
     body: Body,
-    /// Numbers in the whole body, ascending; an element's rank is its number in the patch. Likewise nodes and test
-    /// points: what is compared by its number compares alike.
+    /// Numbers in the whole body, ascending; an element's rank is its number in the patch.
     elements: Ranks,
+    /// Numbers in what it was copied from, likewise: what is compared by its number compares alike.
     nodes: Ranks,
     test_points: Ranks,
     centre: DVec3,

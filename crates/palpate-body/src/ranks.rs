@@ -37,7 +37,7 @@ impl Ranks {
         table.resize((high - low) as usize + 1, NONE);
         list.iter().for_each(|v| table[(v - low) as usize] = 0);
         list.clear();
-        for (slot, number) in table.iter_mut().zip(low..).filter(|(slot, _)| **slot != NONE) {
+        for (slot, number) in table.iter_mut().zip(low..=high).filter(|(slot, _)| **slot != NONE) {
             *slot = list.len() as u32;
             list.push(number);
         }

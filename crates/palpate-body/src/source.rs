@@ -1,6 +1,6 @@
 //! A body as patches are taken from it: in memory, or in its file.
 
-use crate::body::Body;
+use crate::body::{Body, SlipRule};
 use crate::error::{BodyError, Result};
 use crate::patch::Patch;
 use crate::response::Response;
@@ -23,11 +23,18 @@ pub trait BodySource: Debug + Send + Sync {
         Patch::empty(self.outline().to_outline())
     }
 
-    /// Fills a patch of this source as [`Patch::take`] does, with the same bits.
+    /// Whether contacts with this slip rule can step on its patches.
+    ///
+    /// # Errors
+    /// Patches lack what the rule reads.
+    fn serves(&self, rule: SlipRule) -> Result<()>;
+
+    /// Fills a patch of this source as [`Patch::take`] does, with the same bits. Calls `beat` now and then, at least whenever
+    /// something has been read, for who watches over it.
     ///
     /// # Errors
     /// The file can't be read, or is another by now. The patch must be thrown away then.
-    fn take(&self, patch: &mut Patch, centre: [f64; 3], count: usize) -> Result<()>;
+    fn take(&self, patch: &mut Patch, centre: [f64; 3], count: usize, beat: &dyn Fn()) -> Result<()>;
 
     /// Where the surface is.
     fn extent(&self) -> Extent;
@@ -98,7 +105,15 @@ impl BodySource for Body {
         self.elements.len()
     }
 
-    fn take(&self, patch: &mut Patch, centre: [f64; 3], count: usize) -> Result<()> {
+    fn serves(&self, rule: SlipRule) -> Result<()> {
+        if rule == SlipRule::Consistent {
+            self.gradients();
+        }
+        Ok(())
+    }
+
+    fn take(&self, patch: &mut Patch, centre: [f64; 3], count: usize, beat: &dyn Fn()) -> Result<()> {
+        beat();
         patch.take(self, centre, count);
         Ok(())
     }

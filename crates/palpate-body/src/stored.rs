@@ -178,17 +178,65 @@ impl StoredBody {
         })
     }
 
-    /// The bytes from `start` on.
-    fn read(&self, start: u64, bytes: &mut [u8]) -> Result<()> {
-        read_at(&self.file, bytes, start).map_err(|e| self.changed(e))
+    /// An error unless the file is as it was when it was checked, as far as its length and time tell.
+    fn check_unchanged(&self) -> Result<()> {
+        let now = Stamp::of(&self.file).map_err(|e| BodyError::io(&self.path, e))?;
+        if now == self.stamp {
+            return Ok(());
+        }
+        let how = if now.bytes < self.stamp.bytes { "cut short" } else { "changed" };
+        let problem = format!("it was {how} while it was in use");
+        let mend = "leave it alone while a loop runs on it, and start again";
+        Err(BodyError::invalid("body file", problem, mend).in_file(&self.path))
     }
 
-    fn changed(&self, error: io::Error) -> BodyError {
-        if error.kind() == io::ErrorKind::UnexpectedEof {
-            let problem = "it was cut short while it was in use";
-            return BodyError::invalid("body file", problem, "make or copy it again").in_file(&self.path);
-        }
-        BodyError::io(&self.path, error)
+    /// Where nobody watches.
+    fn reading(&self) -> Reading<'_> {
+        Reading { of: self, beat: &|| () }
+    }
+
+    /// Corners of an element, and the inward normals there, m.
+    fn corners(&self, element: u32) -> Result<[[DVec3; 3]; 2]> {
+        let of = |tensor: u64, n: u32| {
+            let mut bytes = [0; size_of::<DVec3>()];
+            self.reading().read(tensor + u64::from(n) * bytes.len() as u64, &mut bytes)?;
+            Ok::<DVec3, BodyError>(bytemuck::pod_read_unaligned(&bytes))
+        };
+        let mut bytes = [0; size_of::<[u32; 3]>()];
+        self.reading().read(self.tensors.triangles + u64::from(element) * bytes.len() as u64, &mut bytes)?;
+        let [a, b, c]: [u32; 3] = bytemuck::pod_read_unaligned(&bytes);
+        let Tensors { positions: p, inward: u, .. } = self.tensors;
+        Ok([[of(p, a)?, of(p, b)?, of(p, c)?], [of(u, a)?, of(u, b)?, of(u, c)?]])
+    }
+
+    /// What `ask` finds among elements whose corners it is given.
+    fn query<T>(&self, ask: impl FnOnce(&dyn Fn(u32) -> [DVec3; 3]) -> T) -> Result<T> {
+        let failed = RefCell::new(None);
+        let answer = ask(&|element| {
+            self.corners(element).map_or_else(
+                |error| {
+                    failed.borrow_mut().get_or_insert(error);
+                    [DVec3::NAN; 3]
+                },
+                |[positions, _]| positions,
+            )
+        });
+        failed.into_inner().map_or(Ok(answer), Err)
+    }
+}
+
+/// Reads of a stored body, each of which is followed by a beat.
+struct Reading<'a> {
+    of: &'a StoredBody,
+    beat: &'a dyn Fn(),
+}
+
+impl Reading<'_> {
+    /// The bytes from `start` on.
+    fn read(&self, start: u64, bytes: &mut [u8]) -> Result<()> {
+        read_at(&self.of.file, bytes, start).map_err(|e| BodyError::io(&self.of.path, e))?;
+        (self.beat)();
+        Ok(())
     }
 
     /// Rows `which`, ascending, of a tensor that begins at `start`, `width` bytes each.
@@ -219,20 +267,21 @@ impl StoredBody {
 
     fn elements(&self, which: &[u32]) -> Result<Vec<Element>> {
         let (nodes, twins) =
-            (self.rows(self.tensors.triangles, which)?, self.rows(self.tensors.twins, which)?);
+            (self.rows(self.of.tensors.triangles, which)?, self.rows(self.of.tensors.twins, which)?);
         Ok(nodes.into_iter().zip(twins).map(|(nodes, twins)| Element { nodes, twins }).collect())
     }
 
     /// Responses of test points.
     fn responses(&self, which: &[u32]) -> Result<Vec<Response>> {
         let ordinates = |i: usize| {
-            let width = self.knots.intervals(&CURVES[i]) * size_of::<[f64; 4]>();
-            let bytes = self.bytes_of_rows(self.tensors.curves[i], width, which)?;
+            let width = self.of.knots.intervals(&CURVES[i]) * size_of::<[f64; 4]>();
+            let bytes = self.bytes_of_rows(self.of.tensors.curves[i], width, which)?;
             Ok(bytemuck::pod_collect_to_vec::<u8, [f64; 4]>(&bytes))
         };
         let (normal, lateral, friction) = (ordinates(0)?, ordinates(1)?, ordinates(2)?);
-        let row =
-            |(row, &t): (usize, &u32)| self.knots.response(t as usize, row, [&normal, &lateral, &friction]);
+        let row = |(row, &t): (usize, &u32)| {
+            self.of.knots.response(t as usize, row, [&normal, &lateral, &friction])
+        };
         which.iter().enumerate().map(row).collect()
     }
 
@@ -267,7 +316,7 @@ impl StoredBody {
     fn excerpt(&self, chosen: &[u32]) -> Result<(Body, Ranks)> {
         let mut elements = self.elements(chosen)?;
         let mut numbers = Ranks::of(chosen.iter().copied());
-        if self.gradients {
+        if self.of.gradients {
             let (others, around) = self.around(&numbers, &elements)?;
             let all = chosen.iter().copied().zip(elements).chain(others.into_iter().zip(around));
             let mut all: Vec<_> = all.collect();
@@ -277,15 +326,15 @@ impl StoredBody {
         }
         let nodes = Ranks::of(elements.iter().flat_map(|e| e.nodes));
         let which = nodes.list();
-        let mixed: Vec<[u32; 3]> = self.rows(self.tensors.mixed, which)?;
+        let mixed: Vec<[u32; 3]> = self.rows(self.of.tensors.mixed, which)?;
         let points = Ranks::of(mixed.iter().flatten().copied());
         let responses = self.responses(points.list())?;
 
-        let mut body = self.outline.clone();
+        let mut body = self.of.outline.to_outline();
         body.responses = Responses::new(&responses)?;
-        let positions = self.rows(self.tensors.positions, which)?.into_iter();
-        let inward = self.rows(self.tensors.inward, which)?;
-        let mixes = mixed.into_iter().zip(self.rows(self.tensors.weights, which)?);
+        let positions = self.rows(self.of.tensors.positions, which)?.into_iter();
+        let inward = self.rows(self.of.tensors.inward, which)?;
+        let mixes = mixed.into_iter().zip(self.rows(self.of.tensors.weights, which)?);
         let mixes = mixes.map(|(t, weights)| NodeMix { test_points: t.map(|t| points.renumber(t)), weights });
         let rest = positions.zip(inward).zip(mixes);
         body.nodes = rest.map(|((position, inward), mix)| Node::new(position, inward, &mix)).collect();
@@ -295,44 +344,15 @@ impl StoredBody {
             twins: e.twins.map(|twin| numbers.renumber_twin(twin, twin.max(FENCE))),
         };
         body.elements = elements.into_iter().map(local).collect();
-        if !self.isotropic {
-            body.lateral_tensors = self.rows(self.tensors.lateral_tensors, which)?;
+        if !self.of.isotropic {
+            body.lateral_tensors = self.rows(self.of.tensors.lateral_tensors, which)?;
         }
-        if self.gradients {
+        if self.of.gradients {
             let Body { nodes, elements, lateral_tensors, responses: table, .. } = &body;
             let gradients = Gradients::new(nodes, elements, lateral_tensors, table, &responses);
             body.set_gradients(gradients);
         }
         Ok((body, Ranks::of(chosen.iter().map(|&e| numbers.renumber(e)))))
-    }
-
-    /// Corners of an element, and the inward normals there, m.
-    fn corners(&self, element: u32) -> Result<[[DVec3; 3]; 2]> {
-        let of = |tensor: u64, n: u32| {
-            let mut bytes = [0; size_of::<DVec3>()];
-            self.read(tensor + u64::from(n) * bytes.len() as u64, &mut bytes)?;
-            Ok::<DVec3, BodyError>(bytemuck::pod_read_unaligned(&bytes))
-        };
-        let mut bytes = [0; size_of::<[u32; 3]>()];
-        self.read(self.tensors.triangles + u64::from(element) * bytes.len() as u64, &mut bytes)?;
-        let [a, b, c]: [u32; 3] = bytemuck::pod_read_unaligned(&bytes);
-        let Tensors { positions: p, inward: u, .. } = self.tensors;
-        Ok([[of(p, a)?, of(p, b)?, of(p, c)?], [of(u, a)?, of(u, b)?, of(u, c)?]])
-    }
-
-    /// What `ask` finds among elements whose corners it is given.
-    fn query<T>(&self, ask: impl FnOnce(&dyn Fn(u32) -> [DVec3; 3]) -> T) -> Result<T> {
-        let failed = RefCell::new(None);
-        let answer = ask(&|element| {
-            self.corners(element).map_or_else(
-                |error| {
-                    failed.borrow_mut().get_or_insert(error);
-                    [DVec3::NAN; 3]
-                },
-                |[positions, _]| positions,
-            )
-        });
-        failed.into_inner().map_or(Ok(answer), Err)
     }
 }
 
@@ -345,14 +365,21 @@ impl BodySource for StoredBody {
         self.search.count()
     }
 
-    fn take(&self, patch: &mut Patch, centre: [f64; 3], count: usize) -> Result<()> {
-        let chosen = patch.choose(&self.search, centre, count);
-        let (excerpt, elements) = self.excerpt(chosen).map_err(|e| e.in_file(&self.path))?;
-        // What was read is what was checked, as far as a file's length and time tell.
-        if Stamp::of(&self.file).map_err(|e| self.changed(e))? != self.stamp {
-            let problem = "it was changed while it was in use";
-            return Err(BodyError::invalid("body file", problem, "start again").in_file(&self.path));
+    fn serves(&self, rule: SlipRule) -> Result<()> {
+        if rule != SlipRule::Consistent || self.gradients {
+            return Ok(());
         }
+        let problem = "it was opened for contacts with another slip rule than `consistent`";
+        let mend = "name the rule to StoredBody::open";
+        Err(BodyError::invalid("slip rule", problem, mend).in_file(&self.path))
+    }
+
+    fn take(&self, patch: &mut Patch, centre: [f64; 3], count: usize, beat: &dyn Fn()) -> Result<()> {
+        let chosen = patch.choose(&self.search, centre, count);
+        let excerpt = Reading { of: self, beat }.excerpt(chosen);
+        // What was read is what was checked; if not, that is the reason for any other error.
+        self.check_unchanged()?;
+        let (excerpt, elements) = excerpt.map_err(|e| e.in_file(&self.path))?;
         patch.copy(&excerpt, &elements);
         Ok(())
     }
@@ -377,15 +404,15 @@ impl BodySource for StoredBody {
 
     fn each_response(&self, visit: &mut dyn FnMut(&Response)) -> Result<()> {
         batches(self.test_points, |which| {
-            self.responses(which)?.iter().for_each(&mut *visit);
+            self.reading().responses(which)?.iter().for_each(&mut *visit);
             Ok(())
         })
     }
 
     fn each_tensor(&self, visit: &mut dyn FnMut(&Tensor, DVec3)) -> Result<()> {
         batches(if self.isotropic { 0 } else { self.nodes }, |which| {
-            let tensors: Vec<Tensor> = self.rows(self.tensors.lateral_tensors, which)?;
-            let inward: Vec<DVec3> = self.rows(self.tensors.inward, which)?;
+            let tensors: Vec<Tensor> = self.reading().rows(self.tensors.lateral_tensors, which)?;
+            let inward: Vec<DVec3> = self.reading().rows(self.tensors.inward, which)?;
             tensors.iter().zip(inward).for_each(|(a, u)| visit(a, u));
             Ok(())
         })

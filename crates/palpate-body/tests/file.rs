@@ -478,7 +478,7 @@ fn no_damage_gets_in() {
             match (&body, StoredBody::open(&path, Some(SlipRule::Paper))) {
                 (Ok(body), Ok(stored)) => {
                     let mut patch = stored.patch();
-                    stored.take(&mut patch, [0.0; 3], 5).unwrap();
+                    stored.take(&mut patch, [0.0; 3], 5, &|| ()).unwrap();
                     let same = palpate_body::Patch::new(body, [0.0; 3], 5);
                     assert_eq!(patch.body(), same.body(), "round {round}");
                 }
@@ -509,7 +509,7 @@ fn damage_while_it_is_in_use_is_an_error_or_another_patch() {
         std::fs::write(&path, &sound).unwrap();
         let stored = StoredBody::open(&path, Some(SlipRule::Consistent)).unwrap();
         let mut patch = stored.patch();
-        stored.take(&mut patch, [0.0; 3], 5).unwrap();
+        stored.take(&mut patch, [0.0; 3], 5, &|| ()).unwrap();
 
         let mut bytes = sound.clone();
         for _ in 0..3 {
@@ -521,7 +521,7 @@ fn damage_while_it_is_in_use_is_an_error_or_another_patch() {
         std::io::Write::write_all(&mut &file, &bytes).unwrap();
         // As if nothing had happened: the worst that can.
         file.set_modified(before).unwrap();
-        match stored.take(&mut patch, [0.0; 3], 5) {
+        match stored.take(&mut patch, [0.0; 3], 5, &|| ()) {
             Ok(()) => taken += 1,
             Err(e) => {
                 refused += 1;
@@ -544,7 +544,7 @@ fn a_body_in_its_file_holds_a_tenth_of_it() {
     let [held, peak] = [held, peak].map(each);
     let (_, _, patch) = memory_of(|| {
         let mut patch = stored.patch();
-        stored.take(&mut patch, [0.1, 0.1, 0.0], 8192).unwrap();
+        stored.take(&mut patch, [0.1, 0.1, 0.0], 8192, &|| ()).unwrap();
         patch
     });
     let (whole, _, opened) = memory_of(|| Body::open(&path).unwrap());
@@ -632,7 +632,7 @@ fn five_million_elements() {
     let mut patch = stored.patch();
     for (count, centre) in [8192, 8192, 1].into_iter().flat_map(|n| [(n, [0.1; 3]), (n, [0.9; 3])]) {
         let clock = std::time::Instant::now();
-        stored.take(&mut patch, centre, count).unwrap();
+        stored.take(&mut patch, centre, count, &|| ()).unwrap();
         println!("a patch of {count} elements read in {:?}", clock.elapsed());
     }
     std::fs::write("/proc/self/clear_refs", "5").ok();
@@ -642,7 +642,7 @@ fn five_million_elements() {
     println!("opened in {:?}, {:?}, {:?}", clock.elapsed(), resident("VmHWM"), resident("VmRSS"));
     for centre in [[0.1; 3], [0.9; 3]] {
         let clock = std::time::Instant::now();
-        read.take(&mut patch, centre, 8192).unwrap();
+        read.take(&mut patch, centre, 8192, &|| ()).unwrap();
         println!("a patch of 8192 elements copied in {:?}", clock.elapsed());
     }
     assert_eq!(read.curves().len(), 1000);

@@ -151,18 +151,15 @@ pub fn footing(
     elements: usize,
 ) -> palpate_body::Result<(Footing, Finder)> {
     let link = Arc::new(Link::default());
-    let parcel = |serial| {
-        let mut patch = body.patch();
-        body.take(&mut patch, place_m, elements)?;
-        // Where it may not be locked it is used as it is; the thread that asks for real time says so once.
-        let _ = patch.lock_memory();
-        Ok(Box::new(Parcel { patch, serial, asked: elements }))
-    };
-    let first = parcel(1)?;
+    let parcel = |serial| Box::new(Parcel { patch: body.patch(), serial, asked: elements });
+    let mut first = parcel(1);
+    body.take(&mut first.patch, place_m, elements, &|| ())?;
+    // Where it may not be locked it is used as it is; the thread that asks for real time says so once.
+    let _ = first.patch.lock_memory();
     let newest = Newest::of(&first);
     // One under way in each direction, one in the making.
     let count = if newest.radius_m.is_finite() { 3 } else { 0 };
-    let hands = (0..count).map(|_| parcel(0)).collect::<palpate_body::Result<_>>()?;
+    let hands = (0..count).map(|_| parcel(0)).collect();
     let footing = Footing { link: link.clone(), parcel: first, serial: 1, refused: 0 };
     Ok((
         footing,
@@ -281,14 +278,19 @@ impl Finder {
             return Ok(false);
         }
         let Some(mut parcel) = self.hands.pop() else { return Ok(false) };
-        self.body.take(&mut parcel.patch, target.to_array(), elements)?;
+        // A slow disk is no dead finder.
+        let beat = || {
+            self.link.beats.fetch_add(1, Ordering::Relaxed);
+        };
+        self.body.take(&mut parcel.patch, target.to_array(), elements, &beat)?;
         let _ = parcel.patch.lock_memory();
         self.serial += 1;
         (parcel.serial, parcel.asked) = (self.serial, elements);
         self.newest = Newest::of(&parcel);
         self.hands.extend(self.link.fresh.post(parcel));
-        let now = self.link.look.read().map_or(f64::NAN, |(words, _)| Sight::of(words).time_s);
-        self.took = (now - time_s).max(0.0);
+        if let Some((words, _)) = self.link.look.read() {
+            self.took = (Sight::of(words).time_s - time_s).max(0.0);
+        }
         Ok(true)
     }
 

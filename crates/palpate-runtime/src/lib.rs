@@ -88,7 +88,7 @@ pub use record::{
     Recorder, Recording, RecordingFile, Records, Retrace, Scribe, ring,
 };
 pub use safety::{Safety, SafetyError};
-pub use session::{Report, Session, Settings, StartError, Stopper};
+pub use session::{Prepared, Report, Session, Settings, StartError, Stopper};
 pub use soft_start::SoftStart;
 pub use stages::Stages;
 pub use statistics::{Percentiles, Statistics, Summary};

@@ -98,7 +98,19 @@ struct Shared {
 #[derive(Debug)]
 pub struct Session {
     shared: Arc<Shared>,
-    threads: Option<(JoinHandle<Report>, JoinHandle<()>)>,
+    haptic: Option<JoinHandle<Report>>,
+}
+
+/// A loop that only has to be started.
+#[derive(Debug)]
+pub struct Prepared {
+    device: Opened,
+    haptics: HapticLoop,
+    recorder: Recorder,
+    settings: Settings,
+    notes: Vec<String>,
+    footing: Footing,
+    finder: Finder,
 }
 
 /// Ends a session from elsewhere, such as a signal's handler.
@@ -114,10 +126,10 @@ impl Stopper {
 }
 
 impl Session {
-    /// Lays out the first patch around the device, and starts both threads.
+    /// [Prepares](Session::prepare) it and starts both threads.
     ///
     /// # Errors
-    /// The body's file can't be read, or the system gives no thread. The device is closed then.
+    /// As [`Session::prepare`] and [`Prepared::start`].
     pub fn start(
         body: Arc<dyn BodySource>,
         device: Opened,
@@ -125,37 +137,27 @@ impl Session {
         recorder: Recorder,
         settings: Settings,
     ) -> Result<Session, StartError> {
-        Self::start_with(body, device, haptics, recorder, settings, find)
+        Self::prepare(body, device, haptics, recorder, settings)?.start()
     }
 
-    /// The same with another finder's thread than [`find`].
-    fn start_with(
+    /// Lays out the first patch around the device.
+    ///
+    /// # Errors
+    /// The body's file can't be read, or the body does not serve the contact's slip rule. The device is closed then.
+    pub fn prepare(
         body: Arc<dyn BodySource>,
         mut device: Opened,
         haptics: HapticLoop,
         recorder: Recorder,
         settings: Settings,
-        find: impl FnOnce(Finder, &Shared, Duration) + Send + 'static,
-    ) -> Result<Session, StartError> {
+    ) -> Result<Prepared, StartError> {
+        body.serves(haptics.contact().slip_rule())?;
         // Where it is tells where the first patch should be; a device that doesn't know yet may be anywhere.
         let place = device.read(0.0).map_or([0.0; 3], |s| haptics.map().body_from_device(&s.pose).position_m);
         let place = if place.iter().all(|x| x.is_finite()) { place } else { [0.0; 3] };
         let notes = device.notes().iter().cloned().chain(lock_memory(&*body)).collect();
         let (footing, finder) = footing(body, place, settings.patch_elements)?;
-        let shared = Arc::new(Shared::default());
-        let finding = thread::Builder::new().name("palpate-finder".into()).spawn({
-            let shared = shared.clone();
-            move || {
-                let _gone = Gone(&shared.finder_gone);
-                find(finder, &shared, Duration::from_secs_f64(settings.finder_pause_s));
-            }
-        })?;
-        let rendering = thread::Builder::new().name("palpate-haptic".into()).spawn({
-            let shared = shared.clone();
-            move || Haptic { shared, haptics, footing, recorder, settings, notes }.run(device.into_inner())
-        });
-        let rendering = rendering.inspect_err(|_| shared.over.store(true, Ordering::Release))?;
-        Ok(Session { shared, threads: Some((rendering, finding)) })
+        Ok(Prepared { device, haptics, recorder, settings, notes, footing, finder })
     }
 
     /// Something to stop it with.
@@ -165,7 +167,7 @@ impl Session {
 
     /// Whether it has ended by itself.
     pub fn is_over(&self) -> bool {
-        self.threads.as_ref().is_none_or(|(haptic, _)| haptic.is_finished())
+        self.haptic.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
     /// Waits for the end.
@@ -173,13 +175,43 @@ impl Session {
         self.wait().unwrap_or_else(|| unreachable!("a session is waited for once"))
     }
 
+    /// The finder ends by itself: nobody waits for one that waits for a disk.
     fn wait(&mut self) -> Option<Report> {
-        let (haptic, finder) = self.threads.take()?;
-        let report = haptic.join().unwrap_or_else(|panic| Report::panicked(words(&*panic)));
+        let report = self.haptic.take()?.join().unwrap_or_else(|panic| Report::panicked(words(&*panic)));
         self.shared.over.store(true, Ordering::Release);
-        // A finder that panicked has been told as the end of the loop.
-        let _ = finder.join();
         Some(report)
+    }
+}
+
+impl Prepared {
+    /// Starts both threads.
+    ///
+    /// # Errors
+    /// The system gives no thread. The device is closed then.
+    pub fn start(self) -> Result<Session, StartError> {
+        self.start_with(find)
+    }
+
+    /// The same with another finder's thread than [`find`].
+    fn start_with(
+        self,
+        find: impl FnOnce(Finder, &Shared, Duration) + Send + 'static,
+    ) -> Result<Session, StartError> {
+        let Prepared { device, haptics, recorder, settings, notes, footing, finder } = self;
+        let shared = Arc::new(Shared::default());
+        thread::Builder::new().name("palpate-finder".into()).spawn({
+            let shared = shared.clone();
+            move || {
+                let _gone = Gone(&shared.finder_gone);
+                find(finder, &shared, Duration::from_secs_f64(settings.finder_pause_s));
+            }
+        })?;
+        let haptic = thread::Builder::new().name("palpate-haptic".into()).spawn({
+            let shared = shared.clone();
+            move || Haptic { shared, haptics, footing, recorder, settings, notes }.run(device)
+        });
+        let haptic = haptic.inspect_err(|_| shared.over.store(true, Ordering::Release))?;
+        Ok(Session { shared, haptic: Some(haptic) })
     }
 }
 
@@ -252,19 +284,20 @@ enum Stop {
 }
 
 impl Haptic {
-    fn run(mut self, device: Box<dyn Device>) -> Report {
+    fn run(mut self, device: Opened) -> Report {
         let (refused, _awake) = self.settings.real_time.enter();
         self.notes.extend(refused);
         let clock = Clock::start();
-        let mut device = Timed::new(device, move || clock.now());
+        let mut device = Timed::new(device.into_inner(), move || clock.now());
         let mut tally = Tally::default();
         let ended = catch_unwind(AssertUnwindSafe(|| self.periods(&mut device, clock, &mut tally)));
         let faults = PageFaults::of_this_thread().unwrap_or_default().since(tally.faults.unwrap_or_default());
+        let ended = ended.and_then(|stop| {
+            catch_unwind(AssertUnwindSafe(|| self.fade(&mut device, clock, &mut tally))).map(|()| stop)
+        });
         if ended.is_err() {
             // Nothing that panicked is asked again: straight to zero.
             let _ = catch_unwind(AssertUnwindSafe(|| device.write(&Command::default())));
-        } else {
-            self.fade(&mut device, clock, &mut tally);
         }
         let _ = catch_unwind(AssertUnwindSafe(|| device.close()));
         self.shared.over.store(true, Ordering::Release);

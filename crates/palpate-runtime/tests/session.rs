@@ -6,10 +6,10 @@ mod common;
 use common::{Chance, plane, shape, with_field};
 use glam::DVec3;
 use palpate_body::shape::Shape;
-use palpate_body::{Body, BodySource, SlipRule, StoredBody};
+use palpate_body::{Body, BodySource, Extent, Patch, Response, SlipRule, StoredBody, Tensor};
 use palpate_device::simulated::{Move, Script};
 use palpate_device::{Capabilities, Command, Device, Fault, OpenError, Sample, Simulated, presets};
-use palpate_engine::Contact;
+use palpate_engine::{Ablation, Contact};
 use palpate_runtime::{
     End, Ending, HapticLoop, Header, Opened, Patience, RealTime, Record, Recording, RecordingFile, Report,
     Retrace, Safety, Scribe, Session, Settings, WorkspaceMap, ring,
@@ -30,6 +30,8 @@ enum Mishap {
     JumpsBack,
     ReadPanics,
     WritePanics,
+    /// In the first command that lets go.
+    FadePanics,
     Stalls,
     Unanswering,
 }
@@ -94,6 +96,12 @@ impl Device for Rigged {
     }
     fn write(&mut self, command: &Command) -> Result<(), Fault> {
         assert!(!self.happens(Mishap::WritePanics), "the driver has a bug");
+        let force = DVec3::from_array(command.force_n);
+        let last = self.log.lock().unwrap().commands.last().map_or(DVec3::ZERO, |(_, last)| *last);
+        if self.happens(Mishap::FadePanics) && force.length() < 0.8 * last.length() {
+            self.mishap = Mishap::None;
+            panic!("the driver has a bug");
+        }
         if self.happens(Mishap::Gone) {
             return Err(Fault::Disconnected);
         }
@@ -194,7 +202,7 @@ fn whatever_happens_to_the_device_the_force_ends_in_time_and_the_reason_is_said(
             Mishap::ReadPanics | Mishap::WritePanics => {
                 assert_eq!(report.end, End::Panic("the driver has a bug".into()));
             }
-            Mishap::Stalls => {}
+            Mishap::Stalls | Mishap::FadePanics => {}
         }
         assert_eq!(report.end.is_well(), report.end == End::Done);
         // A device that can't be told anything more keeps its last command, or what its own watchdog makes of it.
@@ -247,6 +255,111 @@ fn a_finder_that_stalls_is_waited_for_and_one_that_is_silent_ends_the_loop() {
     assert_eq!(checked(&log).last().unwrap().1, DVec3::ZERO);
 }
 
+/// A body whose next patch takes long, as one on a slow disk, and says now and then that something has come, or nothing.
+#[derive(Debug)]
+struct Slow {
+    body: Arc<Body>,
+    each_s: f64,
+    beats: usize,
+    silent_s: f64,
+}
+
+impl BodySource for Slow {
+    fn outline(&self) -> &Body {
+        self.body.outline()
+    }
+    fn element_count(&self) -> usize {
+        self.body.element_count()
+    }
+    fn serves(&self, rule: SlipRule) -> palpate_body::Result<()> {
+        self.body.serves(rule)
+    }
+    fn take(
+        &self,
+        patch: &mut Patch,
+        centre: [f64; 3],
+        count: usize,
+        beat: &dyn Fn(),
+    ) -> palpate_body::Result<()> {
+        if centre[0] != 0.0 {
+            for _ in 0..self.beats {
+                std::thread::sleep(Duration::from_secs_f64(self.each_s));
+                beat();
+            }
+            std::thread::sleep(Duration::from_secs_f64(self.silent_s));
+        }
+        BodySource::take(&*self.body, patch, centre, count, beat)
+    }
+    fn extent(&self) -> Extent {
+        self.body.extent()
+    }
+    fn first_touch(&self, from: DVec3, to: DVec3) -> palpate_body::Result<Option<DVec3>> {
+        BodySource::first_touch(&*self.body, from, to)
+    }
+    fn nearest(&self, p: DVec3) -> palpate_body::Result<[DVec3; 2]> {
+        BodySource::nearest(&*self.body, p)
+    }
+    fn each_response(&self, visit: &mut dyn FnMut(&Response)) -> palpate_body::Result<()> {
+        self.body.each_response(visit)
+    }
+    fn each_tensor(&self, visit: &mut dyn FnMut(&Tensor, DVec3)) -> palpate_body::Result<()> {
+        self.body.each_tensor(visit)
+    }
+    fn unlock_memory(&self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_slow_disk_is_waited_for_and_nobody_waits_for_one_that_hangs() {
+    let patience = Patience { finder_s: 0.3, ..settings(0.0).patience };
+    let settings = Settings { patch_elements: 64, patience, ..settings(0.9) };
+    // Twice as long as the finder may be silent.
+    let slow = Arc::new(Slow { body: ball(0.7), each_s: 0.02, beats: 30, silent_s: 0.0 });
+    let (device, log) = rigged(Mishap::None, DVec3::new(0.0, 0.0, 0.03));
+    let report = run(&slow, device, settings);
+    assert_eq!(report.end, End::Done);
+    assert!(report.haptics.unwrap().contact().counters().fenced > 50);
+    checked(&log);
+
+    let hanging = Arc::new(Slow { body: ball(0.7), each_s: 0.0, beats: 1, silent_s: 20.0 });
+    let (device, log) = rigged(Mishap::None, DVec3::new(0.0, 0.0, 0.03));
+    let begun = std::time::Instant::now();
+    let report = run(&hanging, device, settings);
+    assert!(matches!(report.end, End::FinderSilent(_)), "{:?}", report.end);
+    assert!(begun.elapsed() < Duration::from_secs(10), "the end waited for the disk");
+    assert_eq!(checked(&log).last().unwrap().1, DVec3::ZERO);
+}
+
+#[test]
+fn a_panic_on_the_way_to_zero_leaves_zero_force_and_a_closed_device() {
+    let (device, log) = rigged(Mishap::FadePanics, DVec3::ZERO);
+    let report = run(&Arc::new(plane(600.0, 500.0, 0.2)), device, settings(0.3));
+    assert_eq!(report.end, End::Panic("the driver has a bug".into()));
+    let log = log.lock().unwrap();
+    assert!(log.closed && log.commands.last().unwrap().1 == DVec3::ZERO, "{:?}", log.commands.last());
+    assert!(log.commands.iter().any(|(_, force)| force.length() > 0.3));
+}
+
+#[test]
+fn a_body_that_is_left_in_its_file_for_another_slip_rule_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.body");
+    ball(2.0).save(&path).unwrap();
+    let body = Arc::new(StoredBody::open(&path, Some(SlipRule::Paper)).unwrap());
+    let (device, log) = rigged(Mishap::None, DVec3::ZERO);
+    let mut haptics = haptics(body.outline(), device.capabilities());
+    *haptics.contact_mut() = Contact::with_slip(body.outline(), SlipRule::Consistent, Ablation::None);
+    let (recorder, _records) = ring(10);
+    let opened = Opened::new(Box::new(device)).unwrap();
+    let error =
+        Session::start(body.clone(), opened, haptics, recorder, settings(0.1)).unwrap_err().to_string();
+    assert!(error.contains("x.body") && error.contains("StoredBody::open"), "{error}");
+    assert!(log.lock().unwrap().closed);
+    // And it is no worse for it.
+    body.take(&mut body.patch(), [0.0, 0.0, 0.03], 100, &|| ()).unwrap();
+}
+
 #[test]
 fn a_body_that_is_cut_or_changed_in_its_file_ends_the_loop() {
     use std::io::{Seek, SeekFrom, Write};
@@ -257,14 +370,19 @@ fn a_body_that_is_cut_or_changed_in_its_file_ends_the_loop() {
         file.seek(SeekFrom::End(-64)).unwrap();
         file.write_all(&[0xff; 64]).unwrap();
     };
+    let all = |file: &mut std::fs::File| {
+        let length = file.metadata().unwrap().len() as usize;
+        file.write_all(&vec![0xff; length]).unwrap();
+    };
     // One that is replaced is still there for who has opened it.
     let replace = |_: &mut std::fs::File| {
         std::fs::write(folder.path().join("other"), b"no body").unwrap();
         std::fs::rename(folder.path().join("other"), &path).unwrap();
     };
     type OfFile<'a> = &'a dyn Fn(&mut std::fs::File);
-    let mishaps: [(OfFile, _); 3] =
-        [(&cut, Some("cut short while")), (&change, Some("changed while")), (&replace, None)];
+    let changed = Some("changed while");
+    let mishaps: [(OfFile, _); 4] =
+        [(&cut, Some("cut short while")), (&change, changed), (&all, changed), (&replace, None)];
     for (mishap, words) in mishaps {
         ball(0.7).save(&path).unwrap();
         let body = Arc::new(StoredBody::open(&path, Some(SlipRule::Paper)).unwrap());

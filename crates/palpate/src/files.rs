@@ -28,8 +28,15 @@ pub fn read_text(path: &Path) -> Result<String> {
 /// # Errors
 /// It can't be read.
 pub fn sha256(path: &Path) -> Result<String> {
-    let read = || -> io::Result<String> {
-        let mut file = File::open(path)?;
+    sha256_of(open(path)?, path)
+}
+
+/// The same of an open file, from where it stands.
+///
+/// # Errors
+/// As [`sha256`].
+pub fn sha256_of(mut file: File, path: &Path) -> Result<String> {
+    let mut read = || -> io::Result<String> {
         let mut hash = Sha256::new();
         let mut buffer = vec![0; 1 << 16];
         loop {
@@ -46,6 +53,38 @@ pub fn sha256(path: &Path) -> Result<String> {
         Ok(text)
     };
     read().map_err(|e| unreadable(path, &e))
+}
+
+/// Opens it to be read.
+///
+/// # Errors
+/// It can't be read.
+pub fn open(path: &Path) -> Result<File> {
+    File::open(path).map_err(|e| unreadable(path, &e))
+}
+
+/// What tells one file, or one state of it, from another.
+#[derive(Debug, PartialEq)]
+pub struct Stamp {
+    bytes: Option<u64>,
+    modified: Option<std::time::SystemTime>,
+    number: Option<u64>,
+}
+
+impl Stamp {
+    /// Of an open file; whatever is not known counts as the same.
+    pub fn of(file: &File) -> Self {
+        let metadata = file.metadata().ok();
+        #[cfg(unix)]
+        let number = metadata.as_ref().map(std::os::unix::fs::MetadataExt::ino);
+        #[cfg(not(unix))]
+        let number = None;
+        Stamp {
+            bytes: metadata.as_ref().map(std::fs::Metadata::len),
+            modified: metadata.and_then(|m| m.modified().ok()),
+            number,
+        }
+    }
 }
 
 pub(crate) fn unreadable(path: &Path, error: &io::Error) -> anyhow::Error {

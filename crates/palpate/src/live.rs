@@ -12,7 +12,7 @@ use palpate_device::simulated::{Hand, Intent as _, figures};
 use palpate_device::{Capabilities, Device, Replay, ReplaySample, Simulated};
 use palpate_engine::{Ablation, Contact};
 use palpate_runtime::{
-    BodyFile, Coupling, End, Finished, HapticLoop, Header, Opened, Recorder, Recording, RecordingFile,
+    BodyFile, Coupling, End, Finished, HapticLoop, Header, Opened, Prepared, Recording, RecordingFile,
     Report, Safety, Scribe, Session, Settings, StageFlags, Summary, WorkspaceMap, ring,
 };
 use serde::Serialize;
@@ -44,16 +44,35 @@ pub enum BodyIn {
     File,
 }
 
-/// The body at `path`, for contacts that slip by this rule or else the body's own.
+/// The body at `path`, for contacts that slip by this rule or else the body's own; and its file as a recording names it, if it
+/// `is_recorded`.
 ///
 /// # Errors
-/// As [`Body::open`].
-pub fn open_body(path: &Path, slip: Option<SlipRule>, place: Option<BodyIn>) -> Result<Arc<dyn BodySource>> {
-    let stored = match place {
-        Some(place) => place == BodyIn::File,
-        None => StoredBody::count_elements(path)? >= STORED_FROM,
+/// As [`Body::open`]; the file is changed or replaced meanwhile.
+pub fn open_body(
+    path: &Path,
+    slip: Option<SlipRule>,
+    place: Option<BodyIn>,
+    is_recorded: bool,
+) -> Result<(Arc<dyn BodySource>, BodyFile)> {
+    let file = files::open(path)?;
+    let before = files::Stamp::of(&file);
+    let is_large = || StoredBody::count_elements(path).is_ok_and(|count| count >= STORED_FROM);
+    let body: Arc<dyn BodySource> = match place {
+        Some(BodyIn::File) => Arc::new(StoredBody::open(path, slip)?),
+        Some(BodyIn::Memory) => Arc::new(Body::open(path)?),
+        // Of the few that can't stay in their files, memory may have room for some.
+        None => match is_large().then(|| StoredBody::open(path, slip)) {
+            Some(Ok(stored)) => Arc::new(stored),
+            _ => Arc::new(Body::open(path)?),
+        },
     };
-    Ok(if stored { Arc::new(StoredBody::open(path, slip)?) } else { Arc::new(Body::open(path)?) })
+    let sha256 = if is_recorded { files::sha256_of(file, path)? } else { String::new() };
+    if files::Stamp::of(&files::open(path)?) != before {
+        bail!("{}: it was changed while it was opened; start again", path.display());
+    }
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    Ok((body, BodyFile { name, sha256 }))
 }
 
 /// A device that is to be opened, and how it goes with the body.
@@ -72,7 +91,7 @@ pub struct Hold {
 #[derive(Debug, Clone)]
 pub struct Plan {
     /// The body's file.
-    pub body: PathBuf,
+    pub body: BodyFile,
     /// Threads.
     pub settings: Settings,
     /// Output stages.
@@ -218,10 +237,19 @@ pub fn run(body: &Arc<dyn BodySource>, holds: Vec<Hold>, plan: &Plan) -> Result<
     let stop = signals()?;
     let count = holds.len();
     let teller = Teller::start(plan.json)?;
-    // All are opened before the first one renders: from then on somebody watches.
-    let ready = holds.into_iter().enumerate().map(|(i, hold)| prepare(body, hold, plan, plan.record.get(i)));
-    let ready = ready.collect::<Result<Vec<_>>>()?;
-    let mut running = ready.into_iter().map(|ready| ready.start(body)).collect::<Result<Vec<_>>>()?;
+    // All are ready before the first one renders: from then on somebody watches.
+    let is_asked = || stop.load(Ordering::Relaxed);
+    let mut ready = Vec::new();
+    for (i, hold) in holds.into_iter().enumerate() {
+        if !is_asked() {
+            ready.push(prepare(body, hold, plan, plan.record.get(i))?);
+        }
+    }
+    if is_asked() {
+        console::note("a signal asked for the end before it began");
+        return Ok(Vec::new());
+    }
+    let mut running = ready.into_iter().map(Ready::start).collect::<Result<Vec<_>>>()?;
     let mut told = Instant::now();
     let mut ended: Vec<Option<Report>> = (0..count).map(|_| None).collect();
     while running.iter().any(|r| r.session.is_some()) {
@@ -271,27 +299,21 @@ fn signals() -> Result<&'static AtomicBool> {
 
 /// A loop that only has to be started.
 struct Ready {
-    device: Opened,
-    haptics: HapticLoop,
-    recorder: Recorder,
-    settings: Settings,
+    session: Prepared,
     scribe: Scribe,
+    device: String,
 }
 
 impl Ready {
-    fn start(self, body: &Arc<dyn BodySource>) -> Result<Running> {
-        let Ready { device, haptics, recorder, settings, scribe } = self;
-        let name = device.capabilities().name.to_string();
-        let session = Session::start(body.clone(), device, haptics, recorder, settings)?;
-        Ok(Running { session: Some(session), scribe, device: name })
+    fn start(self) -> Result<Running> {
+        let Ready { session, scribe, device } = self;
+        Ok(Running { session: Some(session.start()?), scribe, device })
     }
 }
 
 fn prepare(body: &Arc<dyn BodySource>, hold: Hold, plan: &Plan, record: Option<&PathBuf>) -> Result<Ready> {
     let Plan { settings, safety, coupling_n_per_m, ablation, place, .. } = plan;
     let Hold { device, map, seconds, is_replay } = hold;
-    // A device is not kept waiting for that.
-    let sha256 = record.map(|_| files::sha256(&plan.body)).transpose()?.unwrap_or_default();
     let mut device = Opened::new(device)?;
     let name = device.capabilities().name.to_string();
     let mut safety = *safety;
@@ -316,10 +338,7 @@ fn prepare(body: &Arc<dyn BodySource>, hold: Hold, plan: &Plan, record: Option<&
             .duration_since(SystemTime::UNIX_EPOCH)
             .map_or(0.0, |t| t.as_secs_f64()),
         rate_hz: settings.rate_hz,
-        body: BodyFile {
-            name: plan.body.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
-            sha256,
-        },
+        body: plan.body.clone(),
         slip: rule.name().into(),
         ablation: ablation_name(*ablation).into(),
         device: name.clone(),
@@ -334,7 +353,8 @@ fn prepare(body: &Arc<dyn BodySource>, hold: Hold, plan: &Plan, record: Option<&
     if is_replay {
         settings.patience.pose_s = f64::INFINITY;
     }
-    Ok(Ready { device, haptics, recorder, settings, scribe })
+    let session = Session::prepare(body.clone(), device, haptics, recorder, settings)?;
+    Ok(Ready { session, scribe, device: name })
 }
 
 /// K_max at any depth, N/m.
@@ -509,6 +529,9 @@ impl Told {
         );
         if let Some(recorded) = self.recorded {
             facts.push(("recorded", format!("{recorded} periods, {} dropped", s.dropped_records)));
+        }
+        if let Some(trouble) = &self.recording_trouble {
+            facts.push(("the recording ended early", trouble.clone()));
         }
         let facts: Vec<_> = facts.into_iter().map(|(name, value)| vec![name.to_string(), value]).collect();
         format!("{}\n{}", console::table(&rows), console::table(&facts))

@@ -363,7 +363,7 @@ impl Device for Leaving {
 #[test]
 fn a_device_that_fails_ends_the_others_loop_too() {
     let desk = desk();
-    let body = live::open_body(&desk.path("block.body"), None, None).unwrap();
+    let (body, file) = live::open_body(&desk.path("block.body"), None, None, false).unwrap();
     let intent = Intent::read(&desk.path("intent.toml")).unwrap();
     let (hand, _) = presets::hand("fingers").unwrap();
     let logs: [Arc<Mutex<Log>>; 2] = Default::default();
@@ -374,7 +374,7 @@ fn a_device_that_fails_ends_the_others_loop_too() {
     });
     let settings = Settings::new(1000.0);
     let plan = Plan {
-        body: desk.path("block.body"),
+        body: file,
         settings: Settings {
             real_time: RealTime { priority: None, own_core: false, ..settings.real_time },
             patience: Patience { late_s: 10.0, pose_s: 10.0, finder_s: 10.0, ..settings.patience },
@@ -421,7 +421,7 @@ fn a_body_that_is_cut_short_meanwhile_is_not_missed() {
 fn a_body_in_its_file_gives_the_same_bits_and_is_missed_when_it_is_cut() {
     let desk = desk();
     let ended =
-        desk.live("--device simulated --body-in file --patch-elements 40 --seconds 1.2 --record a.rec");
+        desk.live("--device simulated --body-in file --patch-elements 64 --seconds 1.2 --record a.rec");
     assert_eq!(ended[0]["end"], "the time is over");
     let patches = |(records, _): &(Vec<Record>, Ending)| {
         records.chunk_by(|a, b| a.patch_serial == b.patch_serial).count()
@@ -431,7 +431,7 @@ fn a_body_in_its_file_gives_the_same_bits_and_is_missed_when_it_is_cut() {
 
     // Round and round.
     desk.write("intent.toml", &INTENT.replace("\"hold\"", "\"circle\"\nradius_mm = 5\nturns = 60"));
-    let child = desk.start("--body-in file --patch-elements 40 --record b.rec");
+    let child = desk.start("--body-in file --patch-elements 64 --record b.rec");
     desk.wait_for("b.rec", 1);
     fs::File::options().write(true).open(desk.path("block.body")).unwrap().set_len(100).unwrap();
     let output = child.wait_with_output().unwrap();

@@ -89,7 +89,7 @@ struct State {
 pub struct Finished {
     /// Of all periods that came through the ring.
     pub summary: Summary,
-    /// Records in the file.
+    /// Records in the file; at least so many where the writing ended early.
     pub written: u64,
     /// What ended the writing early, if anything did.
     pub trouble: Option<String>,
@@ -169,7 +169,7 @@ impl Drop for Scribe {
 
 /// The thread.
 fn scribe<W: Write>(mut records: Records, file: Option<RecordingFile<W>>, shared: &Shared) {
-    let mut pen = Pen { file, written: 0, flushed: Instant::now() };
+    let mut pen = Pen { file, written: 0, safe: 0, flushed: Instant::now() };
     let mut batch = Vec::new();
     loop {
         // Asked before: what was pushed before the stop is in the ring.
@@ -187,9 +187,11 @@ fn scribe<W: Write>(mut records: Records, file: Option<RecordingFile<W>>, shared
             result = pen.end(reason, records.dropped.load(Ordering::Relaxed));
         }
         let mut state = shared.state();
+        if result.is_err() {
+            (pen.file, pen.written) = (None, pen.safe);
+        }
         state.written = pen.written;
         if let Err(error) = result {
-            pen.file = None;
             state
                 .trouble
                 .get_or_insert((format!("the recording ends here, the loop goes on: {error}"), false));
@@ -206,6 +208,8 @@ fn scribe<W: Write>(mut records: Records, file: Option<RecordingFile<W>>, shared
 struct Pen<W> {
     file: Option<RecordingFile<W>>,
     written: u64,
+    /// Of these, those that the system has taken.
+    safe: u64,
     flushed: Instant,
 }
 
@@ -218,7 +222,7 @@ impl<W: Write> Pen<W> {
         }
         if self.flushed.elapsed() >= FLUSH {
             file.flush()?;
-            self.flushed = Instant::now();
+            (self.safe, self.flushed) = (self.written, Instant::now());
         }
         Ok(())
     }

@@ -62,8 +62,9 @@ impl<'a> Retrace<'a> {
         {
             return Ok(());
         }
+        self.body.serves(self.contact.slip_rule())?;
         let mut next = self.body.patch();
-        self.body.take(&mut next, record.patch_centre_m, record.patch_count as usize)?;
+        self.body.take(&mut next, record.patch_centre_m, record.patch_count as usize, &|| ())?;
         let from = |e: u32| self.patch.as_ref().map_or(e, |(_, patch)| patch.global(e));
         if !self.contact.renumber(|e| next.local(from(e))) {
             self.contact.forget();

@@ -98,10 +98,11 @@ fn a_finder_that_panics_in_mid_press_ends_the_loop_in_time() {
         }
         panic!("the finder has a bug");
     };
-    let report =
-        Session::start_with(body, Opened::new(Box::new(device)).unwrap(), haptics, recorder, settings, find)
-            .unwrap()
-            .join();
+    let report = Session::prepare(body, Opened::new(Box::new(device)).unwrap(), haptics, recorder, settings)
+        .unwrap()
+        .start_with(find)
+        .unwrap()
+        .join();
     assert_eq!(report.end, End::FinderDead);
     assert!(!report.end.is_well());
     let calls = calls.lock().unwrap();

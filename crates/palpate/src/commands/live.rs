@@ -12,7 +12,7 @@ use palpate_device::{
     Dhd, DhdOptions, Haply, HaplyForceKey, HaplyOptions, OpenHaptics, OpenHapticsOptions, presets,
 };
 use palpate_engine::Ablation;
-use palpate_runtime::{Safety, Settings};
+use palpate_runtime::{BodyFile, Safety, Settings};
 use std::path::{Path, PathBuf};
 
 /// Options of a loop against the clock.
@@ -94,8 +94,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     });
     let inputs: Vec<&Path> = inputs.chain([args.body.as_path()]).collect();
     files::refuse_overwrite(&args.record.iter().collect::<Vec<_>>(), &inputs)?;
-    let plan = plan(args)?;
-    let body = live::open_body(&args.body, plan.slip, args.live.body_in)?;
+    let mut plan = plan(args)?;
+    let (body, file) = live::open_body(&args.body, plan.slip, args.live.body_in, !args.record.is_empty())?;
+    plan.body = file;
     let holds = args.device.iter().map(|device| hold(args, device, &*body)).collect::<Result<Vec<_>>>()?;
     let told = live::run(&body, holds, &plan)?;
     for (told, _) in &told {
@@ -128,8 +129,8 @@ fn plan(args: &Args) -> Result<Plan> {
             csv.display()
         );
     }
-    if !(1..=1 << 20).contains(&live.patch_elements) {
-        bail!("--patch-elements {}: give a number from 1 to 1,048,576", live.patch_elements);
+    if !(64..=1 << 18).contains(&live.patch_elements) {
+        bail!("--patch-elements {}: give a number from 64 to 262,144", live.patch_elements);
     }
     if live.priority > 98 {
         bail!("--priority {}: give one from 0 to 98", live.priority);
@@ -165,7 +166,7 @@ fn plan(args: &Args) -> Result<Plan> {
         clutch: live.clutch_button,
     };
     Ok(Plan {
-        body: args.body.clone(),
+        body: BodyFile::default(),
         settings,
         safety,
         slip: args.slip.map(super::Slip::rule),

@@ -46,6 +46,9 @@ pub struct Args {
     /// Resample the path to this rate, Hz; its end is kept; without it the rows are the steps
     #[arg(long, value_name = "N")]
     rate_hz: Option<f64>,
+    /// Where the body of a recording is while its steps are repeated [default: in its file from 1,048,576 triangles on]
+    #[arg(long, value_enum, value_name = "WHERE")]
+    body_in: Option<live::BodyIn>,
     /// Print a summary as JSON
     #[arg(long)]
     json: bool,
@@ -130,7 +133,7 @@ fn retrace(args: &Args) -> Result<(), Failure> {
             anyhow!("{name}: it names a slip rule or ablation that this version does not know").into()
         );
     };
-    let body = live::open_body(&args.body, Some(rule), None)?;
+    let (body, _) = live::open_body(&args.body, Some(rule), args.body_in, false)?;
     let mut again = Retrace::new(&*body, Contact::with_slip(body.outline(), rule, ablation));
     let mut summary = Summary::default();
     let (mut differ, mut first, mut number, mut missing) = (0u64, None, None, 0u64);
