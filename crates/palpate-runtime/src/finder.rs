@@ -23,7 +23,7 @@ const WORN: f64 = 0.25;
 /// How far ahead of the tool the next patch is put, s: what making the last one took, and no less nor more than this.
 const AHEAD: [f64; 2] = [5e-3, 50e-3];
 /// But no farther from what must be in it than this share of its reach.
-const FARTHEST: f64 = 0.6;
+const FARTHEST: f64 = 0.75;
 /// Where that is not far enough, or the contact point waits, patches have this part of the elements: they take so much less to
 /// make, and reach half as far.
 const HASTE: usize = 4;
@@ -113,7 +113,7 @@ pub struct Finder {
     newest: Newest,
     seen: Option<(f64, DVec3)>,
     velocity: DVec3,
-    /// What making the last patch took, by the loop's time, s.
+    /// What making the last patch took for each element, by the loop's time, s.
     took: f64,
 }
 
@@ -259,14 +259,16 @@ impl Finder {
         // A free tool must be within the patch as it is large.
         let tool = if is_free { self.body.outline().tool().radius_m } else { 0.0 };
         let reach = |elements| (newest.radius_of_m(elements) - tool).max(0.0);
-        let ahead = aim + self.velocity * self.took.clamp(AHEAD[0], AHEAD[1]) - place;
-        let ahead = if ahead.is_finite() { ahead } else { DVec3::ZERO };
-        let hurries = !is_free && (sight.waits || ahead.length() > FARTHEST * reach(self.elements));
+        let ahead = |elements: usize| {
+            let took = (self.took * elements as f64).clamp(AHEAD[0], AHEAD[1]);
+            let ahead = aim + self.velocity * took - place;
+            if ahead.is_finite() { ahead } else { DVec3::ZERO }
+        };
         let mut elements = self.elements;
-        if hurries {
+        if !is_free && (sight.waits || ahead(elements).length() > FARTHEST * reach(elements)) {
             elements = elements.min((elements / HASTE).max(LEAST));
         }
-        let mut target = place + ahead.clamp_length_max(FARTHEST * reach(elements));
+        let mut target = place + ahead(elements).clamp_length_max(FARTHEST * reach(elements));
         let worn = target.distance(newest.centre) > WORN * reach(newest.asked);
         // The newest patch has come and does not do, though it is where it should be.
         if !worn && sight.waits && sight.serial == self.serial {
@@ -289,7 +291,7 @@ impl Finder {
         self.newest = Newest::of(&parcel);
         self.hands.extend(self.link.fresh.post(parcel));
         if let Some((words, _)) = self.link.look.read() {
-            self.took = (Sight::of(words).time_s - time_s).max(0.0);
+            self.took = (Sight::of(words).time_s - time_s).max(0.0) / elements as f64;
         }
         Ok(true)
     }
