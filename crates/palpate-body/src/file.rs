@@ -317,6 +317,35 @@ impl Body {
     }
 }
 
+/// What tells one file, or one state of it, from another.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stamp {
+    bytes: u64,
+    modified: Option<std::time::SystemTime>,
+    /// Of the file on its disk, where files have one.
+    number: Option<u64>,
+}
+
+impl Stamp {
+    /// Of an open file.
+    ///
+    /// # Errors
+    /// The system tells nothing of it.
+    pub fn of(file: &std::fs::File) -> io::Result<Self> {
+        let metadata = file.metadata()?;
+        #[cfg(unix)]
+        let number = Some(std::os::unix::fs::MetadataExt::ino(&metadata));
+        #[cfg(not(unix))]
+        let number = None;
+        Ok(Stamp { bytes: metadata.len(), modified: metadata.modified().ok(), number })
+    }
+
+    /// How long the file is.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+}
+
 /// The file at `path`, and its bytes as they lie on the disk.
 pub(crate) fn mapped(path: &Path) -> Result<(std::fs::File, memmap2::Mmap)> {
     let io = |e| BodyError::io(path, e);

@@ -12,7 +12,7 @@ use crate::body::{
     check_test_points, creased, mixed_inward,
 };
 use crate::error::{BodyError, Result};
-use crate::file::{CURVES, File, SharedKnots, mapped};
+use crate::file::{CURVES, File, SharedKnots, Stamp, mapped};
 use crate::gradient::Gradients;
 use crate::patch::Patch;
 use crate::ranks::Ranks;
@@ -27,7 +27,6 @@ use std::cell::RefCell;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
 
 /// Rows that are nearer to each other than this in the file are read in one go, bytes: about what a read costs besides.
 const GAP: u64 = 4096;
@@ -53,20 +52,6 @@ pub struct StoredBody {
     /// Whether patches get gradients.
     gradients: bool,
     extent: Extent,
-}
-
-/// What tells one state of a file from another.
-#[derive(Debug, PartialEq)]
-struct Stamp {
-    bytes: u64,
-    modified: Option<SystemTime>,
-}
-
-impl Stamp {
-    fn of(file: &fs::File) -> io::Result<Self> {
-        let metadata = file.metadata()?;
-        Ok(Stamp { bytes: metadata.len(), modified: metadata.modified().ok() })
-    }
 }
 
 /// Where tensors begin in the file, bytes.
@@ -184,7 +169,7 @@ impl StoredBody {
         if now == self.stamp {
             return Ok(());
         }
-        let how = if now.bytes < self.stamp.bytes { "cut short" } else { "changed" };
+        let how = if now.bytes() < self.stamp.bytes() { "cut short" } else { "changed" };
         let problem = format!("it was {how} while it was in use");
         let mend = "leave it alone while a loop runs on it, and start again";
         Err(BodyError::invalid("body file", problem, mend).in_file(&self.path))

@@ -63,30 +63,6 @@ pub fn open(path: &Path) -> Result<File> {
     File::open(path).map_err(|e| unreadable(path, &e))
 }
 
-/// What tells one file, or one state of it, from another.
-#[derive(Debug, PartialEq)]
-pub struct Stamp {
-    bytes: Option<u64>,
-    modified: Option<std::time::SystemTime>,
-    number: Option<u64>,
-}
-
-impl Stamp {
-    /// Of an open file; whatever is not known counts as the same.
-    pub fn of(file: &File) -> Self {
-        let metadata = file.metadata().ok();
-        #[cfg(unix)]
-        let number = metadata.as_ref().map(std::os::unix::fs::MetadataExt::ino);
-        #[cfg(not(unix))]
-        let number = None;
-        Stamp {
-            bytes: metadata.as_ref().map(std::fs::Metadata::len),
-            modified: metadata.and_then(|m| m.modified().ok()),
-            number,
-        }
-    }
-}
-
 pub(crate) fn unreadable(path: &Path, error: &io::Error) -> anyhow::Error {
     anyhow!("{}: can't be read ({error}); check the path and its permissions", path.display())
 }

@@ -6,6 +6,7 @@ use crate::path;
 use crate::{console, files};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
+use palpate_body::file::Stamp;
 use palpate_body::tensor::Principal;
 use palpate_body::{Body, BodyError, BodySource, SlipRule, StoredBody};
 use palpate_device::simulated::{Hand, Intent as _, figures};
@@ -55,8 +56,9 @@ pub fn open_body(
     place: Option<BodyIn>,
     is_recorded: bool,
 ) -> Result<(Arc<dyn BodySource>, BodyFile)> {
+    let stamp = |file: &_| Stamp::of(file).map_err(|e| BodyError::io(path, e));
     let file = files::open(path)?;
-    let before = files::Stamp::of(&file);
+    let before = stamp(&file)?;
     let is_large = || StoredBody::count_elements(path).is_ok_and(|count| count >= STORED_FROM);
     let body: Arc<dyn BodySource> = match place {
         Some(BodyIn::File) => Arc::new(StoredBody::open(path, slip)?),
@@ -68,7 +70,7 @@ pub fn open_body(
         },
     };
     let sha256 = if is_recorded { files::sha256_of(file, path)? } else { String::new() };
-    if files::Stamp::of(&files::open(path)?) != before {
+    if stamp(&files::open(path)?)? != before {
         bail!("{}: it was changed while it was opened; start again", path.display());
     }
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
