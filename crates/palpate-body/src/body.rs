@@ -650,11 +650,17 @@ fn checked_tensors(tensors: Option<Vec<Tensor>>, inward: &[DVec3]) -> Result<Vec
         let problem = format!("{} of them for {} nodes", tensors.len(), inward.len());
         return Err(BodyError::invalid("lateral tensors", problem, "give one for each node, or none at all"));
     }
+    check_tensors(&tensors, inward)?;
+    Ok(tensors)
+}
+
+/// What the nodes promise of their tensors.
+pub(crate) fn check_tensors(tensors: &[Tensor], inward: &[DVec3]) -> Result<()> {
     for (n, (a, u)) in tensors.iter().zip(inward).enumerate() {
         tensor::check(a, *u)
             .map_err(|(problem, mend)| BodyError::invalid(format!("node {n}"), problem, mend))?;
     }
-    Ok(tensors)
+    Ok(())
 }
 
 /// What node `n` promises of its mix of so many test points; less than all of them only where it `fades` at a border.

@@ -270,11 +270,12 @@ impl Finder {
         }
         let mut target = place + ahead(elements).clamp_length_max(FARTHEST * reach(elements));
         let worn = target.distance(newest.centre) > WORN * reach(newest.asked);
-        // The newest patch has come and does not do, though it is where it should be.
-        if !worn && sight.waits && sight.serial == self.serial {
+        if !worn {
+            if !(sight.waits && sight.serial == self.serial) {
+                return Ok(false);
+            }
+            // The newest patch has come and does not do, though it is where it should be.
             (target, elements) = (place, self.elements);
-        } else if !worn {
-            return Ok(false);
         }
         if target == newest.centre {
             return Ok(false);
