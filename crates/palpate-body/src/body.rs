@@ -3,11 +3,11 @@
 use crate::curve::Curve;
 use crate::error::{BodyError, Result};
 use crate::gradient::Gradients;
+use crate::model::ContactModel;
 use crate::response::{Response, Responses};
-use crate::search::{Search, point};
+use crate::search::Search;
 use crate::surface::{
-    Element, Elements, FENCE, MAX_ELEMENTS, NO_TWIN, Surface, check_area, check_fans, check_normals,
-    check_position,
+    Elements, MAX_ELEMENTS, NO_TWIN, Surface, check_area, check_fans, check_normals, check_position,
 };
 use crate::tensor::{self, IDENTITY, Tensor};
 use glam::DVec3;
@@ -81,32 +81,87 @@ impl SlipRule {
     }
 }
 
-/// The tool that a body's responses were found for.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// The tool that a body's responses were found for. Of a sphere a pose gives the centre, of all others the tip.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "ToolRecord", into = "ToolRecord")]
+#[non_exhaustive]
+pub enum Tool {
+    /// A tip without extent.
+    Point,
+    /// A sphere.
+    Sphere {
+        /// Its radius, m.
+        radius_m: f64,
+    },
+    /// A cylinder's flat end.
+    FlatPunch,
+    /// A cone.
+    Cone,
+    /// A capsule, by its end.
+    Capsule,
+    /// A shape of triangles.
+    Mesh,
+}
+
+/// A [`Tool`] in a body's file.
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Tool {
-    /// What it is called, e.g. `point` or `sphere`.
-    pub shape: String,
-    /// Radius of the sphere whose centre is the reference point, m; 0 for a tool whose tip is the reference point.
-    pub radius_m: f64,
+struct ToolRecord {
+    shape: String,
+    radius_m: f64,
+}
+
+impl From<Tool> for ToolRecord {
+    fn from(tool: Tool) -> Self {
+        ToolRecord { shape: tool.name().into(), radius_m: tool.radius_m() }
+    }
+}
+
+impl TryFrom<ToolRecord> for Tool {
+    type Error = String;
+
+    fn try_from(record: ToolRecord) -> std::result::Result<Self, String> {
+        // Bodies were once written with any name for a tool with a tip, and with a radius for a sphere alone.
+        let named = Tool::TIPS.into_iter().find(|tool| tool.name() == record.shape);
+        match (named, record.radius_m) {
+            (Some(tool), 0.0) => Ok(tool),
+            (None, radius_m) if record.shape == "sphere" => Ok(Tool::Sphere { radius_m }),
+            (Some(tool), radius) => Err(format!("a {} has no radius, and {radius} m is given", tool.name())),
+            (None, _) => Err(format!("`{}` is no tool", record.shape)),
+        }
+    }
 }
 
 impl Tool {
-    /// A tip without extent.
-    pub fn point() -> Self {
-        Tool { shape: "point".into(), radius_m: 0.0 }
+    /// Those whose reference point is their tip.
+    const TIPS: [Tool; 5] = [Tool::Point, Tool::FlatPunch, Tool::Cone, Tool::Capsule, Tool::Mesh];
+
+    /// As files and options name it.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Tool::Point => "point",
+            Tool::Sphere { .. } => "sphere",
+            Tool::FlatPunch => "flat-punch",
+            Tool::Cone => "cone",
+            Tool::Capsule => "capsule",
+            Tool::Mesh => "mesh",
+        }
     }
 
-    /// A sphere; a pose gives its centre.
-    pub fn sphere(radius_m: f64) -> Self {
-        Tool { shape: "sphere".into(), radius_m }
+    /// Radius of the sphere whose centre is the reference point, m; 0 for a tool whose tip is the reference point.
+    #[inline]
+    pub fn radius_m(&self) -> f64 {
+        match self {
+            Tool::Sphere { radius_m } => *radius_m,
+            _ => 0.0,
+        }
     }
 
     pub(crate) fn check(&self) -> Result<()> {
-        if (0.0..=1.0).contains(&self.radius_m) {
+        if (0.0..=1.0).contains(&self.radius_m()) {
             return Ok(());
         }
-        let problem = format!("its radius is {} m", self.radius_m);
+        let problem = format!("its radius is {} m", self.radius_m());
         Err(BodyError::invalid("tool", problem, "give a radius between 0 and 1 m"))
     }
 }
@@ -171,32 +226,23 @@ pub struct BodyParts {
     pub provenance: Provenance,
 }
 
-/// A deformable body at rest with its responses: immutable, shared by every contact on it.
+/// A deformable body at rest: its [`ContactModel`], which it stands for wherever one is asked for, and what only files,
+/// figures and tools need besides. Immutable, shared by every contact on it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Body {
-    pub(crate) nodes: Vec<Node>,
-    pub(crate) elements: Vec<Element>,
-    pub(crate) search: Search,
-    pub(crate) responses: Responses,
+    pub(crate) model: ContactModel,
     pub(crate) vertices: Vec<u32>,
-    pub(crate) creased: bool,
     pub(crate) curves: Vec<Response>,
     pub(crate) test_point_nodes: Vec<u32>,
-    /// (nodes), or empty where all are the identity.
-    pub(crate) lateral_tensors: Vec<Tensor>,
-    pub(crate) tool: Tool,
-    pub(crate) slip: SlipRule,
     pub(crate) provenance: Provenance,
-    gradients: Derived,
 }
 
-/// What follows from the rest of a body, once it is asked for.
-#[derive(Debug, Clone, Default)]
-struct Derived(OnceLock<Gradients>);
+impl std::ops::Deref for Body {
+    type Target = ContactModel;
 
-impl PartialEq for Derived {
-    fn eq(&self, _: &Self) -> bool {
-        true
+    #[inline]
+    fn deref(&self) -> &ContactModel {
+        &self.model
     }
 }
 
@@ -237,75 +283,35 @@ impl Body {
         let nodes = nodes.map(|((&position, &inward), mix)| Node::new(position, inward, mix));
         let nodes: Vec<Node> = nodes.collect();
         let search = Search::build(&surface.positions, elements.len(), |e| elements[e].nodes);
-        let body = Body {
+        let model = ContactModel {
             nodes,
             elements: surface.elements,
             search,
             responses: table,
             creased: creased(&surface.vertices),
-            vertices: surface.vertices,
-            curves: responses,
-            test_point_nodes,
             lateral_tensors,
             tool,
             slip,
-            provenance,
-            gradients: Derived::default(),
+            gradients: OnceLock::new(),
         };
-        if slip == SlipRule::Consistent {
-            body.gradients();
-        }
-        Ok(body)
+        Ok(Body { model, vertices: surface.vertices, curves: responses, test_point_nodes, provenance })
     }
 
-    /// The nodal gradients along the surface, derived when they are first asked for: as the body is made where its slip
-    /// rule needs them. It takes memory, and about a second for 5 million triangles.
-    pub fn gradients(&self) -> &Gradients {
-        self.gradients.0.get_or_init(|| {
-            Gradients::new(&self.nodes, &self.elements, &self.lateral_tensors, &self.responses, &self.curves)
-        })
-    }
-
-    /// The same if they were derived.
+    /// Derives what contacts with this slip rule read besides, unless that was done before: for
+    /// [`SlipRule::Consistent`] the nodal gradients ([`ContactModel::gradients`]). It takes memory, and about a second for
+    /// 5 million triangles.
     ///
-    /// # Real-time
-    /// O(1), no allocation, never panics or waits.
-    #[inline]
-    pub fn derived_gradients(&self) -> Option<&Gradients> {
-        self.gradients.0.get()
-    }
-
-    /// Knots, tool and slip rule alone: what a [`Patch`](crate::Patch) fills.
-    pub(crate) fn to_outline(&self) -> Body {
-        Body::without_surface(self.responses.without_points(), self.creased, self.tool.clone(), self.slip)
-    }
-
-    /// With the knots of `responses`, and nothing to touch.
-    pub(crate) fn without_surface(responses: Responses, creased: bool, tool: Tool, slip: SlipRule) -> Body {
-        Body {
-            nodes: Vec::new(),
-            elements: Vec::new(),
-            search: Search::default(),
-            responses,
-            vertices: Vec::new(),
-            creased,
-            curves: Vec::new(),
-            test_point_nodes: Vec::new(),
-            lateral_tensors: Vec::new(),
-            tool,
-            slip,
-            provenance: Provenance::default(),
-            gradients: Derived::default(),
+    /// A contact made on a body calls it; call it yourself where that would come at the wrong time.
+    pub fn prepare(&self, rule: SlipRule) {
+        if rule == SlipRule::Consistent {
+            self.prepared_gradients();
         }
     }
 
-    /// The gradients, to be filled anew.
-    pub(crate) fn take_gradients(&mut self) -> Gradients {
-        self.gradients.0.take().unwrap_or_default()
-    }
-
-    pub(crate) fn set_gradients(&mut self, gradients: Gradients) {
-        self.gradients = Derived(OnceLock::from(gradients));
+    /// [`ContactModel::gradients`], derived if they were not yet.
+    pub fn prepared_gradients(&self) -> &Gradients {
+        let ContactModel { nodes, elements, lateral_tensors, responses, gradients, .. } = &self.model;
+        gradients.get_or_init(|| Gradients::new(nodes, elements, lateral_tensors, responses, &self.curves))
     }
 
     /// What it is made of, as [`Body::new`] takes it: to make another body that differs in some of it.
@@ -326,25 +332,10 @@ impl Body {
             responses: self.curves.clone(),
             test_point_nodes: self.test_point_nodes.clone(),
             lateral_tensors: self.lateral_tensors().map(<[Tensor]>::to_vec),
-            tool: self.tool.clone(),
+            tool: self.tool,
             slip: self.slip,
             provenance: self.provenance.clone(),
         }
-    }
-
-    /// Nodes.
-    pub fn nodes(&self) -> &[Node] {
-        &self.nodes
-    }
-
-    /// Elements.
-    pub fn elements(&self) -> &[Element] {
-        &self.elements
-    }
-
-    /// Mixed responses.
-    pub fn responses(&self) -> &Responses {
-        &self.responses
     }
 
     /// Curves of each test point.
@@ -357,36 +348,9 @@ impl Body {
         &self.test_point_nodes
     }
 
-    /// The lateral tensor of each node; `None` where the lateral response is alike in all directions.
-    pub fn lateral_tensors(&self) -> Option<&[Tensor]> {
-        (!self.is_isotropic()).then_some(&self.lateral_tensors)
-    }
-
-    /// Whether the lateral response is alike in all directions, at every node.
-    #[inline]
-    pub fn is_isotropic(&self) -> bool {
-        self.lateral_tensors.is_empty()
-    }
-
     /// Number of distinct vertices: nodes less those that creases doubled.
     pub fn vertex_count(&self) -> usize {
         self.vertices.iter().map(|&v| v as usize + 1).max().unwrap_or(0)
-    }
-
-    /// Whether creases doubled any node.
-    #[inline]
-    pub fn has_creases(&self) -> bool {
-        self.creased
-    }
-
-    /// The tool the responses hold for.
-    pub fn tool(&self) -> &Tool {
-        &self.tool
-    }
-
-    /// The slip rule the body asks for.
-    pub fn slip(&self) -> SlipRule {
-        self.slip
     }
 
     /// Where the body came from.
@@ -421,154 +385,6 @@ impl Body {
             friction: mix(|r| &r.friction)?,
         })
     }
-
-    /// The nodes of an element.
-    ///
-    /// # Real-time
-    /// O(1), never panics: an element that does not exist gives node 0 thrice.
-    #[inline]
-    pub fn element_nodes(&self, element: u32) -> [&Node; 3] {
-        let nodes = self.elements.get(element as usize).map_or([0; 3], |e| e.nodes);
-        nodes.map(|n| self.nodes.get(n as usize).unwrap_or(&NO_NODE))
-    }
-
-    /// The nodes' numbers.
-    ///
-    /// # Real-time
-    /// As [`Body::element_nodes`].
-    #[inline]
-    pub fn element_node_numbers(&self, element: u32) -> [u32; 3] {
-        self.elements.get(element as usize).map_or([0; 3], |e| e.nodes)
-    }
-
-    /// One node of an element.
-    ///
-    /// # Real-time
-    /// As [`Body::element_nodes`].
-    #[inline]
-    pub fn element_node(&self, element: u32, corner: usize) -> &Node {
-        let node = self.elements.get(element as usize).and_then(|e| e.nodes.get(corner)).copied();
-        self.nodes.get(node.unwrap_or(0) as usize).unwrap_or(&NO_NODE)
-    }
-
-    /// The lateral tensors of an element's nodes.
-    ///
-    /// # Real-time
-    /// As [`Body::element_nodes`]; the identity where there are none.
-    #[inline]
-    pub fn element_tensors(&self, element: u32) -> [&Tensor; 3] {
-        let nodes = self.elements.get(element as usize).map_or([0; 3], |e| e.nodes);
-        nodes.map(|n| self.lateral_tensors.get(n as usize).unwrap_or(&IDENTITY))
-    }
-
-    /// The corner positions of an element, m.
-    ///
-    /// # Real-time
-    /// As [`Body::element_nodes`].
-    #[inline]
-    pub fn corners(&self, element: u32) -> [DVec3; 3] {
-        self.element_nodes(element).map(|n| n.position)
-    }
-
-    /// The unit normal of an element's outer side.
-    ///
-    /// # Real-time
-    /// As [`Body::element_nodes`].
-    #[inline]
-    pub fn outward(&self, element: u32) -> DVec3 {
-        let [a, b, c] = self.corners(element);
-        (b - a).cross(c - a).normalize_or_zero()
-    }
-
-    /// A point of the surface, m.
-    #[inline]
-    pub fn point(&self, at: crate::SurfacePoint) -> DVec3 {
-        point(self.corners(at.element), at.n)
-    }
-
-    /// The mix of the nodes' inward normals at a point of the surface, of unit length.
-    ///
-    /// # Real-time
-    /// As [`Body::element_nodes`].
-    #[inline]
-    pub fn inward(&self, at: crate::SurfacePoint) -> DVec3 {
-        mixed_inward(self.element_nodes(at.element).map(|n| n.inward), at.n)
-    }
-
-    /// The neighbour across edge `edge` of `element`, and which edge of it that is.
-    ///
-    /// # Real-time
-    /// O(1), never panics.
-    #[inline]
-    pub fn across(&self, element: u32, edge: usize) -> Option<(u32, usize)> {
-        let twin = *self.elements.get(element as usize)?.twins.get(edge)?;
-        (twin < FENCE).then_some((twin / 3, twin as usize % 3))
-    }
-
-    /// Whether the body goes on across an edge without a neighbour: the edge of a [`Patch`](crate::Patch).
-    ///
-    /// # Real-time
-    /// O(1), never panics.
-    #[inline]
-    pub fn is_fenced(&self, element: u32, edge: usize) -> bool {
-        self.elements.get(element as usize).and_then(|e| e.twins.get(edge)) == Some(&FENCE)
-    }
-
-    /// Visits the elements around a corner with the number of that corner in each, this one first; false if a border
-    /// runs through it. At most [`MAX_FAN`] are visited.
-    ///
-    /// # Real-time
-    /// Bounded, no allocation, never panics.
-    #[inline]
-    pub fn around(&self, element: u32, corner: usize, mut visit: impl FnMut(u32, usize)) -> bool {
-        let (mut e, mut c) = (element, corner);
-        for _ in 0..MAX_FAN {
-            visit(e, c);
-            match self.across(e, (c + 2) % 3) {
-                Some((next, _)) if next == element => return true,
-                Some((next, edge)) => (e, c) = (next, edge),
-                None => break,
-            }
-        }
-        // A border: the rest lies the other way round.
-        (e, c) = (element, corner);
-        for _ in 0..MAX_FAN {
-            match self.across(e, c) {
-                Some((next, edge)) if next != element => (e, c) = (next, (edge + 1) % 3),
-                _ => break,
-            }
-            visit(e, c);
-        }
-        false
-    }
-
-    /// Locks the memory that a step reads into RAM, so that no step waits for a page.
-    ///
-    /// # Errors
-    /// The operating system's limit on locked memory is too low.
-    pub fn lock_memory(&self) -> std::io::Result<()> {
-        self.memory().try_for_each(crate::file::lock)
-    }
-
-    /// Lets the system page out what a step reads, whatever was locked before: a body may be larger than memory, and a step
-    /// goes on a [`Patch`](crate::Patch) then.
-    ///
-    /// # Errors
-    /// The operating system refuses.
-    pub fn unlock_memory(&self) -> std::io::Result<()> {
-        self.memory().try_for_each(crate::file::unlock)
-    }
-
-    /// What a step reads, and a patch is taken from.
-    fn memory(&self) -> impl Iterator<Item = &[u8]> {
-        let parts = [
-            bytemuck::cast_slice(&self.nodes),
-            bytemuck::cast_slice(&self.elements),
-            bytemuck::cast_slice(&self.lateral_tensors),
-        ];
-        let gradients = self.derived_gradients().into_iter().flat_map(Gradients::memory);
-        parts.into_iter().chain(self.responses.memory()).chain(self.search.memory()).chain(gradients)
-    }
 }
 
 /// The mix of three nodes' inward normals, of unit length.
@@ -580,7 +396,7 @@ pub(crate) fn mixed_inward(inward: [DVec3; 3], n: [f64; 3]) -> DVec3 {
 /// Elements around a vertex that are looked at; real meshes have 3 to 20.
 pub const MAX_FAN: usize = 256;
 
-const NO_NODE: Node =
+pub(crate) const NO_NODE: Node =
     Node { position: DVec3::ZERO, inward: DVec3::Z, weights: [0.0; 3], test_points: [0; 3], padding: 0 };
 
 /// Whether creases doubled any node: nodes are vertices without them.

@@ -296,7 +296,7 @@ impl Body {
 
     fn write_tensor(&self, name: &str, out: &mut dyn Write) -> io::Result<()> {
         let mut put = |bytes: &[u8]| out.write_all(bytes);
-        let Body { nodes, elements, curves, .. } = self;
+        let Body { model: crate::ContactModel { nodes, elements, .. }, curves, .. } = self;
         match name {
             "positions" => nodes.iter().try_for_each(|n| put(bytes_of(&n.position))),
             "inward_normals" => nodes.iter().try_for_each(|n| put(bytes_of(&n.inward))),

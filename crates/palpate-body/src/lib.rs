@@ -2,8 +2,8 @@
 //!
 //! A [`Surface`] (nodes with inward normals, elements with neighbours) and the [`Response`]s of its test points
 //! (normal and lateral force and friction against deflection, each a [`Curve`]) make a [`Body`]: immutable, checked
-//! once, shared by every contact. The engine reads it with [`Body::element_nodes`], [`Body::across`],
-//! [`Body::first_touch`], [`Body::nearest`] and the mixed [`Responses`]; none of these allocates, locks or panics.
+//! once, shared by every contact. The engine reads its [`ContactModel`]: element nodes, neighbours, the first touch, the
+//! nearest point and the mixed [`Responses`]; none of these questions allocates, locks or panics.
 //!
 //! Meshes come from files ([`import`]) or from [`shape`]s, in metres from here on. Bodies are kept in safetensors
 //! files ([`Body::save`], [`Body::open`]).
@@ -23,7 +23,7 @@
 //!     responses: vec![Response { normal, lateral, friction }],
 //!     test_point_nodes: vec![0],
 //!     lateral_tensors: None, // alike in all directions
-//!     tool: Tool::point(),
+//!     tool: Tool::Point,
 //!     slip: SlipRule::Paper,
 //!     provenance: Provenance::default(),
 //! })?;
@@ -37,6 +37,7 @@ pub mod error;
 pub mod file;
 pub mod gradient;
 pub mod import;
+pub mod model;
 pub mod patch;
 mod ranks;
 pub mod repair;
@@ -52,6 +53,7 @@ pub use body::{Body, BodyParts, Node, NodeMix, PointErrors, Provenance, SlipRule
 pub use curve::{Curve, Extension, Interpolation};
 pub use error::{BodyError, Result};
 pub use gradient::{Gradients, Most, Powers};
+pub use model::ContactModel;
 pub use patch::Patch;
 pub use response::{Known, Response, Responses, Rows, Sample, Strain};
 pub use search::{MeshSearch, Nearest, SurfacePoint, Touch};

@@ -1,12 +1,13 @@
 //! A patch: the elements around a place with all that a step reads of them, copied out of a body.
 //!
-//! It is a body of its own, small enough to be locked into memory, on which [`step`] gives what it gives on the whole,
+//! It has a [`ContactModel`] of its own, small enough to be locked into memory, on which [`step`] gives what it gives on the whole,
 //! bit for bit as long as the tool stays where the patch knows the surface ([`Patch::knows`]). Where the body goes on but
-//! the patch ends there is a *fence* in place of a neighbour ([`Body::is_fenced`]).
+//! the patch ends there is a *fence* in place of a neighbour ([`ContactModel::is_fenced`]).
 //!
 //! [`step`]: https://docs.rs/palpate-engine
 
 use crate::body::Body;
+use crate::model::ContactModel;
 use crate::ranks::Ranks;
 use crate::search::Search;
 use crate::surface::{Element, FENCE, NO_TWIN};
@@ -17,7 +18,7 @@ use std::collections::BinaryHeap;
 /// The elements nearest to a place, copied. Made once and taken anew again and again, it keeps its memory.
 #[derive(Debug)]
 pub struct Patch {
-    body: Body,
+    model: ContactModel,
     /// Numbers in the whole body, ascending; an element's rank is its number in the patch.
     elements: Ranks,
     /// Numbers in what it was copied from, likewise: what is compared by its number compares alike.
@@ -36,15 +37,15 @@ pub(crate) type Queue = BinaryHeap<Reverse<(u64, u32, u32)>>;
 impl Patch {
     /// Of `body`, around `centre`.
     pub fn new(body: &Body, centre: [f64; 3], count: usize) -> Self {
-        let mut patch = Patch::empty(body.to_outline());
+        let mut patch = Patch::empty(body.outline());
         patch.take(body, centre, count);
         patch
     }
 
     /// To be filled from a body of this outline.
-    pub(crate) fn empty(outline: Body) -> Self {
+    pub(crate) fn empty(outline: ContactModel) -> Self {
         Patch {
-            body: outline,
+            model: outline,
             elements: Ranks::default(),
             nodes: Ranks::default(),
             test_points: Ranks::default(),
@@ -72,22 +73,22 @@ impl Patch {
         let Patch { elements, groups, queue, .. } = self;
         self.radius_m = search.nearest_groups(self.centre, count, groups, queue);
         elements.fill(groups.iter().flat_map(|&g| search.group(g)));
-        self.body.search.copy(search, groups, |e| elements.renumber(e));
+        self.model.search.copy(search, groups, |e| elements.renumber(e));
         self.elements.list()
     }
 
     /// Copies the chosen elements, which are these of `body`, and what they need.
-    pub(crate) fn copy(&mut self, body: &Body, elements: &Ranks) {
+    pub(crate) fn copy(&mut self, body: &ContactModel, elements: &Ranks) {
         let Patch { nodes, test_points, .. } = self;
         let chosen = || elements.list().iter().map(|&e| body.elements[e as usize]);
         nodes.fill(chosen().flat_map(|e| e.nodes));
         let mixed = nodes.list().iter().flat_map(|&n| body.nodes[n as usize].test_points);
-        let gradients = body.derived_gradients();
+        let gradients = body.gradients();
         let neighbours =
             gradients.into_iter().flat_map(|g| nodes.list().iter().flat_map(|&n| g.term_points(n)));
         test_points.fill(mixed.chain(neighbours));
 
-        let to = &mut self.body;
+        let to = &mut self.model;
         to.nodes.clear();
         to.nodes.extend(nodes.list().iter().map(|&n| {
             let mut node = body.nodes[n as usize];
@@ -108,9 +109,9 @@ impl Patch {
         }
         to.responses.copy(&body.responses, test_points.list());
         if let Some(from) = gradients {
-            let mut copy = to.take_gradients();
+            let mut copy = to.gradients.take().unwrap_or_default();
             copy.copy(from, nodes.list(), &body.responses, |t| test_points.renumber(t));
-            to.set_gradients(copy);
+            to.gradients = copy.into();
         }
     }
 
@@ -119,8 +120,8 @@ impl Patch {
     /// # Real-time
     /// O(1).
     #[inline]
-    pub fn body(&self) -> &Body {
-        &self.body
+    pub fn model(&self) -> &ContactModel {
+        &self.model
     }
 
     /// Whether a tool of `radius_m` at `p` (m) can touch nothing of the whole body but what the patch holds.
@@ -165,7 +166,7 @@ impl Patch {
     /// # Errors
     /// The operating system's limit on locked memory is too low.
     pub fn lock_memory(&self) -> std::io::Result<()> {
-        self.body.lock_memory()?;
+        self.model.lock_memory()?;
         self.elements.memory().try_for_each(crate::file::lock)
     }
 }

@@ -4,7 +4,7 @@
 //! on: the tree has no pointers and takes about 8 bytes an element. Queries walk it with a fixed stack: bounded,
 //! without allocation, without panics.
 
-use crate::body::Body;
+use crate::model::ContactModel;
 use crate::patch::Queue;
 use crate::surface::TriangleMesh;
 use glam::DVec3;
@@ -275,7 +275,7 @@ impl Search {
         }
     }
 
-    /// [`Body::nearest`] among elements with these corners: where, and how far.
+    /// [`ContactModel::nearest`] among elements with these corners: where, and how far.
     #[inline]
     pub fn nearest(
         &self,
@@ -302,7 +302,7 @@ impl Search {
         best.map(|(at, d)| (at, d.sqrt()))
     }
 
-    /// [`Body::first_touch`] of elements with these corners.
+    /// [`ContactModel::first_touch`] of elements with these corners.
     #[inline]
     pub fn first_touch(
         &self,
@@ -425,7 +425,7 @@ impl MeshSearch {
     }
 }
 
-impl Body {
+impl ContactModel {
     /// The surface point nearest to `p`, if one is nearer than `max_distance` (m).
     ///
     /// # Real-time
@@ -441,7 +441,7 @@ impl Body {
     /// Far from a fine mesh thousands of elements are nearly equally near: this need not tell them apart.
     ///
     /// # Real-time
-    /// As [`Body::nearest`].
+    /// As [`ContactModel::nearest`].
     pub fn clearance(&self, p: DVec3, hint: u32) -> (f64, u32) {
         const SURE: f64 = 0.7;
         let distance_squared = |element| {
@@ -471,7 +471,7 @@ impl Body {
     /// agree to the bit: Woop, Benthin and Wald 2013), also where rounding has put `from` up to 1e-9 m inside.
     ///
     /// # Real-time
-    /// As [`Body::nearest`].
+    /// As [`ContactModel::nearest`].
     pub fn first_touch(&self, from: DVec3, to: DVec3, radius: f64) -> Option<Touch> {
         self.search.first_touch(from, to, radius, |element| self.corners(element))
     }

@@ -2,6 +2,7 @@
 
 use crate::body::{Body, SlipRule};
 use crate::error::{BodyError, Result};
+use crate::model::ContactModel;
 use crate::patch::Patch;
 use crate::response::Response;
 use crate::tensor::Tensor;
@@ -13,14 +14,14 @@ use std::fmt::Debug;
 /// A [`Body`] has all in memory and never fails; a [`StoredBody`](crate::StoredBody) reads its file.
 pub trait BodySource: Debug + Send + Sync {
     /// Knots, tool and slip rule, as a contact asks for them; whether there is a surface, too, is not promised.
-    fn outline(&self) -> &Body;
+    fn outline(&self) -> &ContactModel;
 
     /// How many elements the surface has.
     fn element_count(&self) -> usize;
 
     /// An empty patch, to be filled by [`BodySource::take`].
     fn patch(&self) -> Patch {
-        Patch::empty(self.outline().to_outline())
+        Patch::empty(self.outline().outline())
     }
 
     /// Whether contacts with this slip rule can step on its patches.
@@ -97,7 +98,7 @@ pub(crate) fn no_surface() -> BodyError {
 }
 
 impl BodySource for Body {
-    fn outline(&self) -> &Body {
+    fn outline(&self) -> &ContactModel {
         self
     }
 
@@ -106,9 +107,7 @@ impl BodySource for Body {
     }
 
     fn serves(&self, rule: SlipRule) -> Result<()> {
-        if rule == SlipRule::Consistent {
-            self.gradients();
-        }
+        self.prepare(rule);
         Ok(())
     }
 
@@ -123,11 +122,11 @@ impl BodySource for Body {
     }
 
     fn first_touch(&self, from: DVec3, to: DVec3) -> Result<Option<DVec3>> {
-        Ok(Body::first_touch(self, from, to, 0.0).map(|touch| self.point(touch.at)))
+        Ok(ContactModel::first_touch(self, from, to, 0.0).map(|touch| self.point(touch.at)))
     }
 
     fn nearest(&self, p: DVec3) -> Result<[DVec3; 2]> {
-        let at = Body::nearest(self, p, f64::INFINITY).ok_or_else(no_surface)?.at;
+        let at = ContactModel::nearest(self, p, f64::INFINITY).ok_or_else(no_surface)?.at;
         Ok([self.point(at), self.inward(at)])
     }
 
@@ -142,6 +141,6 @@ impl BodySource for Body {
     }
 
     fn unlock_memory(&self) -> std::io::Result<()> {
-        Body::unlock_memory(self)
+        ContactModel::unlock_memory(self)
     }
 }

@@ -8,12 +8,13 @@
 //! memory is the system's cache, which it gives up when memory is short.
 
 use crate::body::{
-    Body, Node, NodeMix, Provenance, SlipRule, Tool, border_nodes, check_mix, check_surface, check_tensors,
+    Node, NodeMix, Provenance, SlipRule, Tool, border_nodes, check_mix, check_surface, check_tensors,
     check_test_points, creased, mixed_inward,
 };
 use crate::error::{BodyError, Result};
 use crate::file::{CURVES, File, SharedKnots, Stamp, mapped};
 use crate::gradient::Gradients;
+use crate::model::ContactModel;
 use crate::patch::Patch;
 use crate::ranks::Ranks;
 use crate::response::{Response, Responses};
@@ -44,7 +45,7 @@ pub struct StoredBody {
     stamp: Stamp,
     tensors: Tensors,
     knots: SharedKnots,
-    outline: Body,
+    outline: ContactModel,
     search: Search,
     nodes: usize,
     test_points: usize,
@@ -149,7 +150,7 @@ impl StoredBody {
                 curves: [0, 1, 2].map(|i| parsed.place(CURVES[i].tensor)),
             },
             knots,
-            outline: Body::without_surface(responses, creased(vertices), tool, own),
+            outline: ContactModel::without_surface(responses, creased(vertices), tool, own),
             search,
             nodes: positions.len(),
             test_points: at.len(),
@@ -293,8 +294,8 @@ impl Reading<'_> {
         }
     }
 
-    /// A body of these elements and what their gradients need, and which of its elements they are. It has no tree.
-    fn excerpt(&self, chosen: &[u32]) -> Result<(Body, Ranks)> {
+    /// A model of these elements and what their gradients need, and which of its elements they are. It has no tree.
+    fn excerpt(&self, chosen: &[u32]) -> Result<(ContactModel, Ranks)> {
         let mut elements = self.elements(chosen)?;
         let mut numbers = Ranks::of(chosen.iter().copied());
         if self.of.gradients {
@@ -311,34 +312,34 @@ impl Reading<'_> {
         let points = Ranks::of(mixed.iter().flatten().copied());
         let responses = self.responses(points.list())?;
 
-        let mut body = self.of.outline.to_outline();
-        body.responses = Responses::new(&responses)?;
+        let mut model = self.of.outline.outline();
+        model.responses = Responses::new(&responses)?;
         let positions = self.rows(self.of.tensors.positions, which)?.into_iter();
         let inward = self.rows(self.of.tensors.inward, which)?;
         let mixes = mixed.into_iter().zip(self.rows(self.of.tensors.weights, which)?);
         let mixes = mixes.map(|(t, weights)| NodeMix { test_points: t.map(|t| points.renumber(t)), weights });
         let rest = positions.zip(inward).zip(mixes);
-        body.nodes = rest.map(|((position, inward), mix)| Node::new(position, inward, &mix)).collect();
+        model.nodes = rest.map(|((position, inward), mix)| Node::new(position, inward, &mix)).collect();
         let local = |e: Element| Element {
             nodes: e.nodes.map(|n| nodes.renumber(n)),
             // At a border it is no element's, and stays what it is.
             twins: e.twins.map(|twin| numbers.renumber_twin(twin, twin.max(FENCE))),
         };
-        body.elements = elements.into_iter().map(local).collect();
+        model.elements = elements.into_iter().map(local).collect();
         if !self.of.isotropic {
-            body.lateral_tensors = self.rows(self.of.tensors.lateral_tensors, which)?;
+            model.lateral_tensors = self.rows(self.of.tensors.lateral_tensors, which)?;
         }
         if self.of.gradients {
-            let Body { nodes, elements, lateral_tensors, responses: table, .. } = &body;
+            let ContactModel { nodes, elements, lateral_tensors, responses: table, .. } = &model;
             let gradients = Gradients::new(nodes, elements, lateral_tensors, table, &responses);
-            body.set_gradients(gradients);
+            model.gradients = gradients.into();
         }
-        Ok((body, Ranks::of(chosen.iter().map(|&e| numbers.renumber(e)))))
+        Ok((model, Ranks::of(chosen.iter().map(|&e| numbers.renumber(e)))))
     }
 }
 
 impl BodySource for StoredBody {
-    fn outline(&self) -> &Body {
+    fn outline(&self) -> &ContactModel {
         &self.outline
     }
 

@@ -116,7 +116,7 @@ fn made(
         surface,
         responses: (0..points).map(|t| response(300.0 + 70.0 * t as f64)).collect(),
         test_point_nodes: (0..points).collect(),
-        tool: Tool::sphere(0.01 / 3.0),
+        tool: Tool::Sphere { radius_m: 0.01 / 3.0 },
         slip: SlipRule::Paper,
         provenance: Provenance {
             command: "palpate fit --mesh \"a b.stl\"".into(),
@@ -150,7 +150,7 @@ fn what_is_written_is_read() {
         let read = Body::open(&path).unwrap();
         assert_eq!(read, body);
         assert_eq!(read.to_bytes().unwrap(), bytes);
-        assert_eq!(read.tool().radius_m.to_bits(), body.tool().radius_m.to_bits());
+        assert_eq!(read.tool().radius_m().to_bits(), body.tool().radius_m().to_bits());
     }
 }
 
@@ -214,13 +214,13 @@ fn the_radius_survives_to_the_last_bit() {
             responses: vec![response(500.0)],
             test_point_nodes: vec![0],
             lateral_tensors: None,
-            tool: Tool::sphere(radius),
+            tool: Tool::Sphere { radius_m: radius },
             slip: SlipRule::Paper,
             provenance: Provenance::default(),
         })
         .unwrap();
         let read = Body::from_bytes(&body.to_bytes().unwrap()).unwrap();
-        assert_eq!(read.tool().radius_m.to_bits(), radius.to_bits());
+        assert_eq!(read.tool().radius_m().to_bits(), radius.to_bits());
     }
 }
 
@@ -257,7 +257,7 @@ fn a_failed_save_leaves_the_old_file() {
         responses: vec![response(500.0)],
         test_point_nodes: vec![0],
         lateral_tensors: None,
-        tool: Tool::point(),
+        tool: Tool::Point,
         slip: SlipRule::Paper,
         provenance: Provenance { spec: Some("x".repeat(5 << 20)), ..Default::default() },
     });
@@ -480,7 +480,7 @@ fn no_damage_gets_in() {
                     let mut patch = stored.patch();
                     stored.take(&mut patch, [0.0; 3], 5, &|| ()).unwrap();
                     let same = palpate_body::Patch::new(body, [0.0; 3], 5);
-                    assert_eq!(patch.body(), same.body(), "round {round}");
+                    assert_eq!(patch.model(), same.model(), "round {round}");
                 }
                 (Err(_), Err(_)) => {}
                 (_, Err(e)) => assert!(e.to_string().contains("aligned"), "round {round}: {e}"),
@@ -638,7 +638,7 @@ fn five_million_elements() {
     std::fs::write("/proc/self/clear_refs", "5").ok();
     let clock = std::time::Instant::now();
     let read = Body::open(&path).unwrap();
-    read.gradients();
+    read.prepared_gradients();
     println!("opened in {:?}, {:?}, {:?}", clock.elapsed(), resident("VmHWM"), resident("VmRSS"));
     for centre in [[0.1; 3], [0.9; 3]] {
         let clock = std::time::Instant::now();

@@ -62,7 +62,7 @@ fn tube(finer: u32, ratio: f64) -> Body {
         responses,
         test_point_nodes: test_point_nodes.collect(),
         lateral_tensors: Some(tensors),
-        tool: Tool::point(),
+        tool: Tool::Point,
         slip: SlipRule::Paper,
         provenance: Provenance::default(),
     })

@@ -7,7 +7,7 @@ use crate::output::{ContactPoint, Counters, Flags, Ledger, Output, ToolPose};
 use crate::sensitivity;
 use crate::slip::{self, End, Pace};
 use glam::DVec3;
-use palpate_body::{Body, Nearest, SlipRule, SurfacePoint};
+use palpate_body::{Body, ContactModel, Nearest, SlipRule, SurfacePoint};
 
 /// Inside the surface by no more than this (m) counts as on it: a segment starting there still catches the surface.
 const ON_SURFACE: f64 = 1e-9;
@@ -43,6 +43,8 @@ enum State {
 
 impl Contact {
     /// A contact on `body`, with the slip rule and the tool that the body names.
+    ///
+    /// Prepares the body for its rule, unless that was done before: see [`Body::prepare`].
     pub fn new(body: &Body) -> Self {
         Self::with_ablation(body, Ablation::None)
     }
@@ -52,13 +54,15 @@ impl Contact {
         Self::with_slip(body, body.slip(), ablation)
     }
 
-    /// The same with another slip rule than the body's. [`SlipRule::Consistent`] derives the body's gradients if nothing
-    /// has yet ([`Body::gradients`]), which takes a while on a large body.
+    /// The same with another slip rule than the body's.
     pub fn with_slip(body: &Body, rule: SlipRule, ablation: Ablation) -> Self {
-        if rule == SlipRule::Consistent {
-            body.gradients();
-        }
-        let law = Law { ablation, radius_m: body.tool().radius_m };
+        body.prepare(rule);
+        Self::on(body, rule, ablation)
+    }
+
+    /// A contact on a part of a body, such as a [`Patch`](palpate_body::Patch), which must be prepared for the slip rule.
+    pub fn on(model: &ContactModel, rule: SlipRule, ablation: Ablation) -> Self {
+        let law = Law { ablation, radius_m: model.tool().radius_m() };
         let (energy, counters) = (Ledger::default(), Counters::default());
         Contact {
             law,
@@ -137,7 +141,7 @@ impl Contact {
     /// # Real-time
     /// Bounded; never allocates, locks, logs, reads a clock or a file, or panics. In free space it costs a distance
     /// comparison until the tip has used up the clearance that the last query found.
-    pub fn step(&mut self, body: &Body, pose: &ToolPose) -> Output {
+    pub fn step(&mut self, body: &ContactModel, pose: &ToolPose) -> Output {
         match (self.rule, body.is_isotropic()) {
             (SlipRule::Consistent, true) => self.step_as::<Isotropic, Consistent>(body, pose),
             (SlipRule::Consistent, false) => self.step_as::<Stretch, Consistent>(body, pose),
@@ -150,7 +154,7 @@ impl Contact {
 
     /// Apart from the choice between them, which is a jump.
     #[inline(never)]
-    fn step_as<L: Lateral, R: Rule>(&mut self, body: &Body, pose: &ToolPose) -> Output {
+    fn step_as<L: Lateral, R: Rule>(&mut self, body: &ContactModel, pose: &ToolPose) -> Output {
         self.counters.steps += 1;
         let mut flags = Flags::default();
         let Some(tip) = pose.accept() else {
@@ -191,7 +195,7 @@ impl Contact {
     /// stable root here, so that no bound exists.
     ///
     /// Not part of the step: a measuring instrument.
-    pub fn lipschitz_n_per_m(&self, body: &Body) -> Option<f64> {
+    pub fn lipschitz_n_per_m(&self, body: &ContactModel) -> Option<f64> {
         match self.state {
             State::Touching { at, tip } => sensitivity::lipschitz(body, self.law, self.rule, at, tip),
             _ => None,
@@ -201,7 +205,7 @@ impl Contact {
     /// Stage 1: the contact point of the last step, or that of an onset in this one.
     fn touch<L: Lateral, R: Rule>(
         &mut self,
-        body: &Body,
+        body: &ContactModel,
         tip: DVec3,
         flags: &mut Flags,
     ) -> Option<SurfacePoint> {
@@ -238,7 +242,7 @@ impl Contact {
     /// Finds out on which side of the surface a tip is that did not come from outside.
     #[cold]
     #[inline(never)]
-    fn look_around(&mut self, body: &Body, tip: DVec3, flags: &mut Flags) {
+    fn look_around(&mut self, body: &ContactModel, tip: DVec3, flags: &mut Flags) {
         let Some(nearest) = body.nearest(tip, f64::INFINITY) else { return };
         let gap = if nearest.outside { nearest.distance } else { -nearest.distance } - self.law.radius_m;
         self.state = if gap >= -ON_SURFACE {
@@ -252,7 +256,7 @@ impl Contact {
 
     /// Free at a tip that is outside, or on the surface up to rounding: then from a hair above it, so that the next
     /// segment crosses it whole.
-    fn free(&self, body: &Body, tip: DVec3, nearest: Nearest) -> State {
+    fn free(&self, body: &ContactModel, tip: DVec3, nearest: Nearest) -> State {
         let from =
             if nearest.outside { tip } else { tip + body.outward(nearest.at.element) * (2.0 * ON_SURFACE) };
         State::Free { tip: from, asked_at: tip, clear: 0.0, near: nearest.at.element }
@@ -261,7 +265,7 @@ impl Contact {
     /// A sphere's first touch is where the nearest point is at its radius, but the frame there is the interpolated
     /// one: the contact point slips to the friction limit, nearly 0 there, before anything counts. Where the frames
     /// lead it farther away than the tool reaches, it stays.
-    fn settle<L: Lateral, R: Rule>(&self, body: &Body, at: SurfacePoint, tip: DVec3) -> SurfacePoint {
+    fn settle<L: Lateral, R: Rule>(&self, body: &ContactModel, at: SurfacePoint, tip: DVec3) -> SurfacePoint {
         if self.law.radius_m == 0.0 {
             return at;
         }
@@ -357,7 +361,13 @@ impl Contact {
 
     /// What the rest of the way runs into, from where the tip came out over the contact point's plane: a fast tip may
     /// leave one sheet and enter another in the same step.
-    fn beyond(&self, body: &Body, at: SurfacePoint, field: &Field, tip: DVec3) -> Option<SurfacePoint> {
+    fn beyond(
+        &self,
+        body: &ContactModel,
+        at: SurfacePoint,
+        field: &Field,
+        tip: DVec3,
+    ) -> Option<SurfacePoint> {
         let State::Touching { tip: from, .. } = self.state else { return None };
         let before = (from - field.c).dot(field.u()) + self.law.radius_m;
         let fraction = before / (before - field.depth);

@@ -13,7 +13,7 @@
 use crate::field::{Field, Site};
 use crate::lateral::Lateral;
 use glam::{DVec3, Vec3A};
-use palpate_body::{Body, Known, Node};
+use palpate_body::{ContactModel, Known, Node};
 
 /// A drive, to be brought within the friction limit.
 #[derive(Debug, Clone, Copy)]
@@ -50,7 +50,7 @@ pub(crate) trait Rule {
 
     /// Whether `body` has what the rule reads.
     #[inline(always)]
-    fn is_ready(_body: &Body) -> bool {
+    fn is_ready(_body: &ContactModel) -> bool {
         true
     }
 
@@ -85,8 +85,8 @@ impl Rule for Consistent {
     const CONTINUOUS: bool = true;
 
     #[inline(always)]
-    fn is_ready(body: &Body) -> bool {
-        body.derived_gradients().is_some()
+    fn is_ready(body: &ContactModel) -> bool {
+        body.gradients().is_some()
     }
 
     #[inline(always)]
@@ -128,7 +128,7 @@ impl Rule for Exact {
 /// The most that |f_t − g̃| can be, N.
 #[inline(always)]
 fn greatest<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> f64 {
-    let Some(gradients) = site.body.derived_gradients() else { return 0.0 };
+    let Some(gradients) = site.body.gradients() else { return 0.0 };
     let numbers = site.body.element_node_numbers(site.element);
     let [a, b, c] = numbers.map(|node| gradients.most(node));
     let mixed = |x: f32, y: f32, z: f32| n[0] * f64::from(x) + n[1] * f64::from(y) + n[2] * f64::from(z);
@@ -159,7 +159,7 @@ const NOISE: f64 = 5e-7;
 /// elements at an edge are curved differently. P_û and not the element's plane for the same reason.
 #[inline(always)]
 fn reaction<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> DVec3 {
-    let Some(gradients) = site.body.derived_gradients() else { return DVec3::ZERO };
+    let Some(gradients) = site.body.gradients() else { return DVec3::ZERO };
     let numbers = site.body.element_node_numbers(site.element);
     let [a, b, c] = n.map(|n| n as f32);
     let u = f.u();
@@ -230,7 +230,7 @@ mod tests {
     use crate::field::{Ablation, Law};
     use crate::lateral::{Isotropic, Stretch};
     use crate::sensitivity::tests::{ball, chance};
-    use palpate_body::{NodeMix, SurfacePoint};
+    use palpate_body::{Body, NodeMix, SurfacePoint};
 
     /// The ball, and the same with nodes that mix three neighbours' curves, or fade.
     fn bodies(ratio: f64) -> Vec<Body> {
@@ -299,7 +299,7 @@ mod tests {
 
     fn continuity<L: Lateral>(bodies: &[Body]) {
         for body in bodies {
-            body.gradients();
+            body.prepared_gradients();
             let law = Law { ablation: Ablation::None, radius_m: 0.0 };
             let mut jumps = 0.0f64;
             for element in 0..body.elements().len() as u32 {
@@ -339,7 +339,7 @@ mod tests {
         parts.responses.truncate(6);
         parts.test_point_nodes = vec![0; 6];
         let body = Body::new(parts).unwrap();
-        body.gradients();
+        body.prepared_gradients();
         let law = Law { ablation: Ablation::None, radius_m: 0.0 };
         let mut site = Site::<Isotropic>::new(&body, law, 1);
         let n = [0.3, 0.3, 0.4];

@@ -6,7 +6,7 @@ use crate::drive::Drive;
 use crate::lateral::{Change, Lateral};
 use crate::walk::Rates;
 use glam::DVec3;
-use palpate_body::{Body, Node, Rows, Sample, Strain};
+use palpate_body::{ContactModel, Node, Rows, Sample, Strain};
 use std::array::from_fn;
 
 /// Which interpolations are taken away, as in the paper's section 5: either makes the force jump at mesh edges.
@@ -54,7 +54,7 @@ impl Law {
 /// for many evaluations, as long as the contact point stays in the element.
 #[derive(Clone, Copy)]
 pub(crate) struct Site<'a, L: Lateral> {
-    pub body: &'a Body,
+    pub body: &'a ContactModel,
     pub law: Law,
     pub element: u32,
     pub nodes: [&'a Node; 3],
@@ -121,7 +121,7 @@ pub(crate) struct Field {
 impl<'a, L: Lateral> Site<'a, L> {
     /// The element under the contact point.
     #[inline]
-    pub fn new(body: &'a Body, law: Law, element: u32) -> Self {
+    pub fn new(body: &'a ContactModel, law: Law, element: u32) -> Self {
         let nodes = body.element_nodes(element);
         Site {
             body,

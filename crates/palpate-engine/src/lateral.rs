@@ -9,7 +9,7 @@
 use crate::drive::Drive;
 use crate::field::Field;
 use glam::DVec3;
-use palpate_body::{Body, Sample, Tensor, tensor};
+use palpate_body::{ContactModel, Sample, Tensor, tensor};
 use std::array::from_fn;
 
 /// Below this the lateral deflection is rounding, and its direction noise, m.
@@ -29,7 +29,7 @@ pub(crate) trait Lateral: Copy + Default {
     type Nodes<'a>: Copy;
 
     /// Of an element.
-    fn nodes(body: &Body, element: u32) -> Self::Nodes<'_>;
+    fn nodes(body: &ContactModel, element: u32) -> Self::Nodes<'_>;
 
     /// Σ n A.
     fn mix(nodes: Self::Nodes<'_>, n: [f64; 3]) -> Tensor;
@@ -115,7 +115,7 @@ impl Lateral for Isotropic {
     type Nodes<'a> = ();
 
     #[inline(always)]
-    fn nodes(_: &Body, _: u32) {}
+    fn nodes(_: &ContactModel, _: u32) {}
 
     #[inline(always)]
     fn mix((): (), _: [f64; 3]) -> Tensor {
@@ -220,7 +220,7 @@ impl Lateral for Stretch {
     type Nodes<'a> = [&'a Tensor; 3];
 
     #[inline(always)]
-    fn nodes(body: &Body, element: u32) -> [&Tensor; 3] {
+    fn nodes(body: &ContactModel, element: u32) -> [&Tensor; 3] {
         body.element_tensors(element)
     }
 

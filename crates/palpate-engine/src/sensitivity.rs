@@ -5,14 +5,20 @@ use crate::field::{Law, Site};
 use crate::lateral::{Isotropic, Lateral, NO_DIRECTION, Stretch};
 use crate::walk::Rates;
 use glam::DVec3;
-use palpate_body::{Body, SlipRule, SurfacePoint};
+use palpate_body::{ContactModel, SlipRule, SurfacePoint};
 
 /// L = K + |∂_s f| |∂_x φ| / η, N/m, with K the greatest stiffness in stick, max(f_z', f_r', f_r/δr) on an isotropic
 /// body; `None` where η ≤ 0.
 ///
 /// The slip term is there in stick too: the next step may slip. For `exact` it is the bound within an element: from one to
 /// the next that rule's force may jump.
-pub(crate) fn lipschitz(body: &Body, law: Law, rule: SlipRule, at: SurfacePoint, tip: DVec3) -> Option<f64> {
+pub(crate) fn lipschitz(
+    body: &ContactModel,
+    law: Law,
+    rule: SlipRule,
+    at: SurfacePoint,
+    tip: DVec3,
+) -> Option<f64> {
     match (rule, body.is_isotropic()) {
         (SlipRule::Consistent, true) => {
             measured::<_, Consistent>(Site::<Isotropic>::new(body, law, at.element), at, tip)
@@ -101,7 +107,7 @@ pub(crate) mod tests {
     use super::*;
     use crate::field::{Ablation, Field};
     use palpate_body::shape::{Resolution, Shape};
-    use palpate_body::{BodyParts, NodeMix, Provenance, Response, Tool, tensor};
+    use palpate_body::{Body, BodyParts, NodeMix, Provenance, Response, Tool, tensor};
 
     /// A ball with responses, and tensors up to `ratio`, that differ from node to node; softening sideways.
     pub(crate) fn ball(ratio: f64) -> Body {
@@ -130,7 +136,7 @@ pub(crate) mod tests {
             test_point_nodes: (0..count).collect(),
             lateral_tensors: Some(surface.inward_normals().iter().enumerate().map(tensor).collect()),
             surface,
-            tool: Tool::sphere(2e-3),
+            tool: Tool::Sphere { radius_m: 2e-3 },
             slip: SlipRule::Paper,
             provenance: Provenance::default(),
         })

@@ -1,7 +1,7 @@
 //! Moving the contact point over the facets.
 
 use glam::DVec3;
-use palpate_body::{Body, SurfacePoint};
+use palpate_body::{ContactModel, SurfacePoint};
 
 /// Why a walk ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -103,7 +103,7 @@ impl Rates {
 /// `crossings` is what is left of the step's bound.
 #[inline]
 pub(crate) fn walk(
-    body: &Body,
+    body: &ContactModel,
     mut at: SurfacePoint,
     v: DVec3,
     s: f64,
@@ -156,7 +156,7 @@ pub(crate) fn walk(
 /// Where the drive can take a contact point that may stand on an edge or a vertex. `drive` gives the drive as seen
 /// from an element, which differs between the sides where the frame does.
 #[inline]
-pub(crate) fn launch(body: &Body, at: SurfacePoint, drive: impl Fn(SurfacePoint) -> DVec3) -> Launch {
+pub(crate) fn launch(body: &ContactModel, at: SurfacePoint, drive: impl Fn(SurfacePoint) -> DVec3) -> Launch {
     let on_edge = |i: usize| at.n.get(i).is_some_and(|&n| n == 0.0);
     let zeros = u8::from(on_edge(0)) + u8::from(on_edge(1)) + u8::from(on_edge(2));
     if zeros == 0 {
@@ -192,7 +192,7 @@ fn pick<T: Copy>(of: [T; 3], i: usize) -> T {
 }
 
 fn from_edge(
-    body: &Body,
+    body: &ContactModel,
     at: SurfacePoint,
     opposite: usize,
     drive: impl Fn(SurfacePoint) -> DVec3,
@@ -216,7 +216,7 @@ fn from_edge(
 }
 
 fn from_vertex(
-    body: &Body,
+    body: &ContactModel,
     at: SurfacePoint,
     vertex: usize,
     drive: impl Fn(SurfacePoint) -> DVec3,
@@ -262,7 +262,7 @@ fn from_vertex(
 /// The same point seen from the element across the edge opposite corner `opposite`, and that element's own corner
 /// opposite the edge.
 #[inline]
-fn step_over(body: &Body, at: SurfacePoint, opposite: usize) -> Option<(SurfacePoint, usize)> {
+fn step_over(body: &ContactModel, at: SurfacePoint, opposite: usize) -> Option<(SurfacePoint, usize)> {
     let edge = (opposite + 1) % 3;
     let (element, j) = body.across(at.element, edge)?;
     // Their edge j runs against ours: it starts at our edge's end.

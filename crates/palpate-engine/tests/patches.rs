@@ -68,7 +68,7 @@ fn bodies() -> Vec<Body> {
         test_point_nodes: few,
         ..plain.parts()
     };
-    let ball = BodyParts { tool: Tool::sphere(2e-3), ..plain.parts() };
+    let ball = BodyParts { tool: Tool::Sphere { radius_m: 2e-3 }, ..plain.parts() };
     vec![
         lidless(&mut rng),
         Body::new(mixed).unwrap(),
@@ -89,7 +89,7 @@ fn tour(body: &Body, rng: &mut Chance, steps: usize) -> Vec<DVec3> {
     (0..steps)
         .map(|k| {
             let t = k as f64 * 1e-3;
-            home + along * (8e-3 * libm::sin(3.0 * t)) + down * (bob(t) - body.tool().radius_m)
+            home + along * (8e-3 * libm::sin(3.0 * t)) + down * (bob(t) - body.tool().radius_m())
         })
         .collect()
 }
@@ -102,7 +102,7 @@ fn a_step_on_a_patch_is_the_step_on_the_whole_body() {
         for rule in SlipRule::ALL {
             let mut whole = Contact::with_slip(&body, rule, Ablation::None);
             let mut part = whole.clone();
-            let radius = body.tool().radius_m;
+            let radius = body.tool().radius_m();
             let mut local = Patch::new(&body, [0.0; 3], 1);
             let mut first = true;
             for tip in tour(&body, &mut rng, 900) {
@@ -112,18 +112,18 @@ fn a_step_on_a_patch_is_the_step_on_the_whole_body() {
                 // Anew where it must be, and now and then where it need not.
                 if first || lost || rng.below(50) == 0 {
                     let from = |e: u32| local.global(e);
-                    let centre = part.touching().map_or(tip, |at| local.body().point(at));
+                    let centre = part.touching().map_or(tip, |at| local.model().point(at));
                     let mut next = Patch::new(&body, centre.to_array(), 400);
                     assert!(first || part.renumber(|e| next.local(from(e))));
                     std::mem::swap(&mut local, &mut next);
                     // Memory that was used before makes no difference.
                     next.take(&body, centre.to_array(), 400);
-                    assert_eq!(next.body(), local.body());
-                    assert!(local.body().elements().len() < 410 && local.radius_m().is_finite());
+                    assert_eq!(next.model(), local.model());
+                    assert!(local.model().elements().len() < 410 && local.radius_m().is_finite());
                     (first, taken) = (false, taken + 1);
                 }
                 let expected = whole.step(&body, &pose);
-                let mut got = part.step(local.body(), &pose);
+                let mut got = part.step(local.model(), &pose);
                 if let Some(c) = &mut got.contact {
                     c.element = local.global(c.element);
                 }
@@ -168,13 +168,13 @@ fn a_patch_out_of_the_file_is_that_of_the_body_in_memory() {
                 let count = 1 + rng.below(whole.elements().len() / 2);
                 stored.take(&mut read, at[0].to_array(), count, &|| ()).unwrap();
                 copied.take(&whole, at[0].to_array(), count);
-                let [a, b] = [&read, &copied].map(|p| p.body().clone());
+                let [a, b] = [&read, &copied].map(|p| p.model().clone());
                 assert_eq!(a, b);
-                assert_eq!(a.derived_gradients(), b.derived_gradients());
-                assert_eq!(a.derived_gradients().is_some(), rule == SlipRule::Consistent);
+                assert_eq!(a.gradients(), b.gradients());
+                assert_eq!(a.gradients().is_some(), rule == SlipRule::Consistent);
                 assert_eq!(read.radius_m(), copied.radius_m());
                 let numbers = |patch: &Patch| {
-                    (0..patch.body().elements().len() as u32).map(|e| patch.global(e)).collect::<Vec<_>>()
+                    (0..patch.model().elements().len() as u32).map(|e| patch.global(e)).collect::<Vec<_>>()
                 };
                 assert_eq!(numbers(&read), numbers(&copied));
             }
@@ -197,7 +197,7 @@ fn at_a_patchs_edge_the_contact_point_waits_and_goes_on() {
         let mut last = Output::default();
         let mut waited = 0;
         for tip in path {
-            last = step(&mut contact, small.body(), tip);
+            last = step(&mut contact, small.model(), tip);
             assert!(!last.flags.border && imbalance(&last) < 1e-9, "{:?}", last.flags);
             waited += usize::from(last.flags.fenced);
         }
@@ -210,7 +210,7 @@ fn at_a_patchs_edge_the_contact_point_waits_and_goes_on() {
         let next = Patch::new(&body, held.position_m, 2000);
         assert!(contact.renumber(|e| next.local(small.global(e))));
         let tip = DVec3::from_array(contact.last_tip_m().unwrap());
-        let freed = step(&mut contact, next.body(), tip);
+        let freed = step(&mut contact, next.model(), tip);
         let moved = DVec3::from_array(freed.contact.unwrap().position_m).distance(held.position_m.into());
         assert!(!freed.flags.fenced && freed.flags.slipping && moved > 1e-3, "{rule:?} {moved}");
         assert!(force(&freed).length() < force(&last).length());
@@ -227,5 +227,5 @@ fn all_of_a_small_body_is_its_patch() {
     let body = uniform(&cylinder(0.03, 0.1, 24, 11), 500.0, 400.0, 0.1);
     let patch = Patch::new(&body, [1.0, 0.0, 0.0], 4096);
     assert_eq!(patch.radius_m(), f64::INFINITY);
-    assert!(patch.body().nodes() == body.nodes() && patch.body().elements() == body.elements());
+    assert!(patch.model().nodes() == body.nodes() && patch.model().elements() == body.elements());
 }

@@ -49,7 +49,7 @@ fn plane(mesh: &TriangleMesh, lateral: Curve, friction: f64) -> Body {
         responses: vec![response],
         test_point_nodes: vec![0],
         lateral_tensors: None,
-        tool: Tool::point(),
+        tool: Tool::Point,
         slip: SlipRule::Paper,
         provenance: Provenance::default(),
     })

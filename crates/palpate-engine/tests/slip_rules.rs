@@ -263,6 +263,6 @@ fn a_body_without_gradients_is_counted() {
     let (underived, touching) = counted(&other);
     // The step that releases is in contact no more.
     assert!(touching > 100 && underived >= touching, "{underived} of {touching}");
-    other.gradients();
+    other.prepared_gradients();
     assert_eq!(counted(&other).0, 0);
 }

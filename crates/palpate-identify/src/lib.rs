@@ -17,7 +17,7 @@
 //! let samples = read_samples("ball.csv".as_ref())?;
 //! let Fit { mixes, responses, test_point_nodes, report } = fit(&surface, &samples, &FitOptions::default())?;
 //! println!("the points lie within {} m of their nodes", report.largest_distance_m);
-//! let (tool, slip, provenance) = (Tool::point(), SlipRule::Paper, Provenance::default());
+//! let (tool, slip, provenance) = (Tool::Point, SlipRule::Paper, Provenance::default());
 //! let lateral_tensors = None; // alike in all directions
 //! let body = Body::new(BodyParts {
 //!     surface, mixes, responses, test_point_nodes, lateral_tensors, tool, slip, provenance,

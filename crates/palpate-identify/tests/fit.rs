@@ -62,7 +62,7 @@ fn body(surface: &Surface, fit: &Fit) -> Body {
         responses: fit.responses.clone(),
         test_point_nodes: fit.test_point_nodes.clone(),
         lateral_tensors: None,
-        tool: Tool::point(),
+        tool: Tool::Point,
         slip: SlipRule::Paper,
         provenance: Provenance::default(),
     })

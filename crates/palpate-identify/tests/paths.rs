@@ -190,7 +190,7 @@ fn nodes_between_mix_turned_tensors_and_make_a_body() {
         responses: fit.fit.responses,
         test_point_nodes: fit.fit.test_point_nodes,
         lateral_tensors: Some(fit.lateral_tensors),
-        tool: Tool::point(),
+        tool: Tool::Point,
         slip: SlipRule::Paper,
         provenance: Provenance { point_errors: fit.errors.clone(), ..Default::default() },
     })

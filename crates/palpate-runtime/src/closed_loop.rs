@@ -166,7 +166,7 @@ impl HapticLoop {
         let pose = ToolPose { position_m: (last * 2.0 - before).to_array(), ..self.last.1 };
         let mut copy = self.contact.clone();
         if ready(ground, &mut copy, &pose) {
-            std::hint::black_box(copy.step(ground.body(), &pose));
+            std::hint::black_box(copy.step(ground.model(), &pose));
         }
     }
 
@@ -222,7 +222,7 @@ impl HapticLoop {
             flags.set(StageFlags::WAITED, true);
             return Output { energy: *self.contact.energy(), ..Output::default() };
         }
-        let output = self.contact.step(ground.body(), &pose);
+        let output = self.contact.step(ground.model(), &pose);
         self.port.pass(DVec3::from_array(pose.position_m), DVec3::from_array(output.force_n));
         output
     }

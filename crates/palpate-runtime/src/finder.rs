@@ -226,7 +226,7 @@ impl Footing {
     /// # Real-time
     /// A few atomic stores.
     pub fn report(&self, time_s: f64, tip_m: [f64; 3], contact: &Contact, waits: bool) {
-        let (body, tip) = (self.parcel.patch.body(), DVec3::from_array(tip_m));
+        let (body, tip) = (self.parcel.patch.model(), DVec3::from_array(tip_m));
         let touching = contact.touching();
         let (place, aim) = touching.map_or((tip, tip), |at| {
             let (place, inward) = (body.point(at), body.inward(at));
@@ -257,7 +257,7 @@ impl Finder {
             return Ok(false);
         }
         // A free tool must be within the patch as it is large.
-        let tool = if is_free { self.body.outline().tool().radius_m } else { 0.0 };
+        let tool = if is_free { self.body.outline().tool().radius_m() } else { 0.0 };
         let reach = |elements| (newest.radius_of_m(elements) - tool).max(0.0);
         let ahead = |elements: usize| {
             let took = (self.took * elements as f64).clamp(AHEAD[0], AHEAD[1]);

@@ -1,19 +1,19 @@
 //! What a loop steps on.
 
-use palpate_body::{Body, Patch};
+use palpate_body::{Body, ContactModel, Patch};
 use palpate_engine::{Contact, ToolPose};
 
 /// A whole body, or the part of it that is at hand.
 pub trait Ground {
     /// As the engine takes it.
-    fn body(&self) -> &Body;
+    fn model(&self) -> &ContactModel;
 
     /// Whether a tool of `radius_m` at `position_m` can touch nothing of the body but what is at hand.
     fn knows(&self, position_m: [f64; 3], radius_m: f64) -> bool;
 }
 
 impl Ground for Body {
-    fn body(&self) -> &Body {
+    fn model(&self) -> &ContactModel {
         self
     }
 
@@ -23,8 +23,8 @@ impl Ground for Body {
 }
 
 impl Ground for Patch {
-    fn body(&self) -> &Body {
-        Patch::body(self)
+    fn model(&self) -> &ContactModel {
+        Patch::model(self)
     }
 
     fn knows(&self, position_m: [f64; 3], radius_m: f64) -> bool {
@@ -39,7 +39,7 @@ pub(crate) fn ready<G: Ground>(ground: &G, contact: &mut Contact, pose: &ToolPos
     if contact.touching().is_some() {
         return true;
     }
-    let radius = ground.body().tool().radius_m;
+    let radius = ground.model().tool().radius_m();
     // What is no number is the engine's to refuse.
     if !ground.knows(pose.position_m, radius) && pose.position_m.iter().all(|x| x.is_finite()) {
         return false;

@@ -6,7 +6,7 @@ mod common;
 use common::{Chance, plane, shape, with_field};
 use glam::DVec3;
 use palpate_body::shape::Shape;
-use palpate_body::{Body, BodySource, Extent, Patch, Response, SlipRule, StoredBody, Tensor};
+use palpate_body::{Body, BodySource, ContactModel, Extent, Patch, Response, SlipRule, StoredBody, Tensor};
 use palpate_device::simulated::{Move, Script};
 use palpate_device::{Capabilities, Command, Device, Fault, OpenError, Sample, Simulated, presets};
 use palpate_engine::{Ablation, Contact};
@@ -140,10 +140,10 @@ fn settings(seconds: f64) -> Settings {
     }
 }
 
-fn haptics(body: &Body, device: &Capabilities) -> HapticLoop {
+fn haptics(model: &ContactModel, device: &Capabilities) -> HapticLoop {
     let safety = Safety { soft_start_s: 0.05, ..Safety::default() };
     let stages = safety.stages(device, 1000.0).unwrap();
-    HapticLoop::new(Contact::new(body), WorkspaceMap::default(), stages)
+    HapticLoop::new(Contact::on(model, model.slip(), Ablation::None), WorkspaceMap::default(), stages)
 }
 
 fn run<B: BodySource + 'static>(body: &Arc<B>, device: Rigged, settings: Settings) -> Report {
@@ -265,7 +265,7 @@ struct Slow {
 }
 
 impl BodySource for Slow {
-    fn outline(&self) -> &Body {
+    fn outline(&self) -> &ContactModel {
         self.body.outline()
     }
     fn element_count(&self) -> usize {
@@ -349,7 +349,7 @@ fn a_body_that_is_left_in_its_file_for_another_slip_rule_is_refused() {
     let body = Arc::new(StoredBody::open(&path, Some(SlipRule::Paper)).unwrap());
     let (device, log) = rigged(Mishap::None, DVec3::ZERO);
     let mut haptics = haptics(body.outline(), device.capabilities());
-    *haptics.contact_mut() = Contact::with_slip(body.outline(), SlipRule::Consistent, Ablation::None);
+    *haptics.contact_mut() = Contact::on(body.outline(), SlipRule::Consistent, Ablation::None);
     let (recorder, _records) = ring(10);
     let opened = Opened::new(Box::new(device)).unwrap();
     let error =

@@ -11,7 +11,7 @@ use palpate_body::shape::Shape;
 use palpate_body::{BodySource, StoredBody};
 use palpate_device::simulated::{Move, Script};
 use palpate_device::{Capabilities, Command, Device, Fault, OpenError, Sample, Simulated, presets};
-use palpate_engine::Contact;
+use palpate_engine::{Ablation, Contact};
 use palpate_runtime::{
     End, HapticLoop, Header, Opened, Patience, RealTime, RecordingFile, Safety, Scribe, Session, Settings,
     WorkspaceMap, ring,
@@ -104,7 +104,11 @@ fn the_haptic_thread_of_a_session_allocates_and_frees_nothing() {
         let device = Simulated::new(presets::device("touch").unwrap(), hand, Box::new(script));
         let device = Watching { device, until_s: 1.4, reads: 0, slip_at };
         let stages = Safety::default().stages(device.capabilities(), 1000.0).unwrap();
-        let haptics = HapticLoop::new(Contact::new(body.outline()), WorkspaceMap::default(), stages);
+        let haptics = HapticLoop::new(
+            Contact::on(body.outline(), body.outline().slip(), Ablation::None),
+            WorkspaceMap::default(),
+            stages,
+        );
         let (recorder, records) = ring(4000);
         let path = folder.path().join(format!("{slip_at:?}.rec"));
         let file = RecordingFile::create(&path, false, &Header::default()).unwrap();

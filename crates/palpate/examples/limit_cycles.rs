@@ -103,7 +103,7 @@ fn plane(k: f64) -> Result<Body> {
         surface,
         test_point_nodes: vec![0],
         lateral_tensors: None,
-        tool: Tool::point(),
+        tool: Tool::Point,
         slip: SlipRule::Paper,
         provenance: Provenance::default(),
     })?)

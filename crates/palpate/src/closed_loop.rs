@@ -152,7 +152,7 @@ pub fn run(
         );
     }
     let [place, into] = intent.place(body)?;
-    let script = intent.script(into, body.tool().radius_m)?;
+    let script = intent.script(into, body.tool().radius_m())?;
     let rests = script.rests();
     let seconds = seconds.unwrap_or(script.duration_s());
     if seconds * rate_hz > STEPS_MAX {

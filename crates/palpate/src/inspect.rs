@@ -160,7 +160,7 @@ pub fn inspect(body: &Body) -> Inspection {
                 Some(range.map_or([r; 2], |[low, high]| [low.min(r), high.max(r)]))
             })
             .unwrap_or([1.0; 2]),
-        tools: vec![ToolEntry { shape: tool.shape.clone(), radius_m: tool.radius_m }],
+        tools: vec![ToolEntry { shape: tool.name().into(), radius_m: tool.radius_m() }],
         bounding_box_m,
         depth_knots_m: body.responses().depth_knots().values().to_vec(),
         lateral_knots_m: body.responses().lateral_knots().values().to_vec(),

@@ -4,7 +4,7 @@ use crate::files;
 use crate::spec::source::{Row, Source};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
-use palpate_body::{Body, BodySource, Extent};
+use palpate_body::{BodySource, ContactModel, Extent};
 use palpate_device::simulated::figures::{self, Allowed};
 use palpate_device::simulated::{Hand, Move, Script};
 use palpate_device::{Capabilities, Figure};
@@ -198,7 +198,7 @@ impl Intent {
     ///
     /// # Errors
     /// As [`Intent::read`]; and a name that is neither.
-    pub fn find(name: &str, body: &Body) -> Result<Self> {
+    pub fn find(name: &str, body: &ContactModel) -> Result<Self> {
         let depth = body.responses().depth_knots().values().last().copied().unwrap_or_default();
         if let Some(moves) = built_in(name, 0.6 * depth) {
             return Ok(Intent { clearance_m: CLEARANCE, ..Intent::of(moves) });

@@ -170,7 +170,7 @@ pub fn simulated(
     let hand = intent.hand.unwrap_or(hand);
     figures::check(&capabilities, &hand).map_err(|e| anyhow!("{} in this hand: {e}", capabilities.name))?;
     let [place, into] = intent.place(body)?;
-    let script = intent.script(into, body.outline().tool().radius_m)?;
+    let script = intent.script(into, body.outline().tool().radius_m())?;
     let seconds = Some(script.duration_s());
     let map = Some(WorkspaceMap { offset_m: place, ..WorkspaceMap::default() });
     Ok(Hold {
@@ -332,7 +332,7 @@ fn prepare(body: &Arc<dyn BodySource>, hold: Hold, plan: &Plan, record: Option<&
     };
     let map = map.checked(device.capabilities())?;
     let rule = plan.slip.unwrap_or(body.outline().slip());
-    let haptics = HapticLoop::new(Contact::with_slip(body.outline(), rule, *ablation), map, stages);
+    let haptics = HapticLoop::new(Contact::on(body.outline(), rule, *ablation), map, stages);
     let (recorder, records) = ring((RING_S * settings.rate_hz) as usize);
     let header = || Header {
         program: concat!("palpate ", env!("CARGO_PKG_VERSION")).into(),
@@ -401,7 +401,7 @@ impl Place {
     fn above_top(&self, device: &mut Opened, body: &dyn BodySource) -> Result<WorkspaceMap> {
         let mut map = self.over(WorkspaceMap::default());
         if self.offset_m.is_none() {
-            let above = crate::intent::top(body)? + DVec3::Z * (ABOVE + body.outline().tool().radius_m);
+            let above = crate::intent::top(body)? + DVec3::Z * (ABOVE + body.outline().tool().radius_m());
             map.offset_m = above - map.rotation * first_place(device)? * map.scale;
         }
         Ok(map)

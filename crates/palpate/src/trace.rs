@@ -3,7 +3,7 @@
 use crate::path::Waypoint;
 use anyhow::Result;
 use glam::DVec3;
-use palpate_body::{Body, SlipRule};
+use palpate_body::{Body, ContactModel, SlipRule};
 use palpate_engine::{Ablation, Contact, Counters, Ledger, Output, ToolPose};
 use serde::Serialize;
 use std::io::Write;
@@ -143,7 +143,7 @@ pub struct FlagCounts {
 
 impl Summary {
     /// Counts one output of `contact`, which is as it was left by it.
-    pub fn add(&mut self, body: &Body, contact: &Contact, waypoint: &Waypoint, output: &Output) {
+    pub fn add(&mut self, body: &ContactModel, contact: &Contact, waypoint: &Waypoint, output: &Output) {
         self.steps += 1;
         self.largest_force_n = self.largest_force_n.max(DVec3::from_array(output.force_n).length());
         if let Some((_, before)) = &self.before {
@@ -220,7 +220,7 @@ impl Summary {
     }
 
     /// What deserves to be said aloud of a path on `body`.
-    pub fn warnings(&self, body: &Body, path: &[Waypoint], ablation: Ablation) -> Vec<String> {
+    pub fn warnings(&self, body: &ContactModel, path: &[Waypoint], ablation: Ablation) -> Vec<String> {
         let n = &self.flags;
         let said = [
             (self.began_inside, "began inside the body and felt no force until it had left"),
@@ -275,7 +275,7 @@ impl Summary {
             warnings.push(format!(
                 "nothing was touched: the tool came no closer than {:.3} mm; check the path's unit (m) and frame (the \
                  body's)",
-                (closest - body.tool().radius_m).max(0.0) * 1e3
+                (closest - body.tool().radius_m()).max(0.0) * 1e3
             ));
         }
         warnings
@@ -283,7 +283,7 @@ impl Summary {
 }
 
 /// How deep and how far aside the curves go, m.
-fn reach(body: &Body) -> [f64; 2] {
+fn reach(body: &ContactModel) -> [f64; 2] {
     let responses = body.responses();
     [responses.depth_knots(), responses.lateral_knots()]
         .map(|k| k.values().last().copied().unwrap_or_default())

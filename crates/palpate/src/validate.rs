@@ -404,7 +404,7 @@ impl Tried {
     fn engine(&self, body: &Body, states: &[(f64, f64, DVec3)]) -> Vec<DVec3> {
         /// Steps from one state to the next; the first of all must end inside.
         const BETWEEN: u32 = 8;
-        let radius = body.tool().radius_m;
+        let radius = body.tool().radius_m();
         // In a hollow the tool would begin inside, and feel nothing.
         let gap = radius.max(1e-4);
         let pose = |depth: f64, distance: f64| {

@@ -140,7 +140,7 @@ fn body(shape: Shape, edge_length_mm: f64, friction: f64) -> Body {
         test_point_nodes: (0..count).collect(),
         lateral_tensors: None,
         surface,
-        tool: Tool::point(),
+        tool: Tool::Point,
         slip: SlipRule::Paper,
         provenance: Provenance::default(),
     })

@@ -37,7 +37,7 @@ fn body(radius_m: f64) -> Body {
         surface,
         test_point_nodes: nodes,
         lateral_tensors: None,
-        tool: if radius_m > 0.0 { Tool::sphere(radius_m) } else { Tool::point() },
+        tool: if radius_m > 0.0 { Tool::Sphere { radius_m } } else { Tool::Point },
         slip: SlipRule::Paper,
         provenance: Provenance::default(),
     })

@@ -210,7 +210,7 @@ impl Patch {
             normal,
             friction: Curves::new(depths, friction.collect()),
             lateral,
-            radius_m: body.tool().radius_m,
+            radius_m: body.tool().radius_m(),
             depth_end_m: 0.0,
             reach_m: 0.0,
             beyond: false,

@@ -77,7 +77,7 @@ impl Slopes {
                 changes,
             };
         }
-        let (derived, numbers) = (body.gradients(), body.element_node_numbers(element));
+        let (derived, numbers) = (body.prepared_gradients(), body.element_node_numbers(element));
         let of = |which: usize, element: Vec<Powers>| {
             let rows = |interval: usize| {
                 [0, 1, 2].map(|l: usize| {

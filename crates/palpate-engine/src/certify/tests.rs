@@ -37,7 +37,7 @@ fn compare<L: Lateral>(bodies: &[Body]) {
         let state = Cell { corners: [n; 3], depth_m: [depth; 2], turn: [turn; 2], reach_m: [reach; 2] };
         let at = patch.state(&state);
         let (tip, d) = (at.tip, at.along);
-        let law = Law { ablation: Ablation::None, radius_m: body.tool().radius_m };
+        let law = Law { ablation: Ablation::None, radius_m: body.tool().radius_m() };
         let mut site = Site::<L>::new(body, law, element);
         let f = site.evaluate(n, tip);
         assert!((f.depth - depth).abs() < 1e-12 && (site.stretch.rho(&f) - reach).abs() < 1e-12);
@@ -109,14 +109,14 @@ fn drives<L: Lateral, R: Rule>(bodies: &[Body], slip: SlipRule) {
     let mut compared = 0;
     for case in 0..1500 {
         let body = &bodies[case % bodies.len()];
-        body.gradients();
+        body.prepared_gradients();
         let element = (unit() * body.elements().len() as f64) as u32;
         let patch = Patch::new(body, element, &Assumptions { slip, ..EXACT });
         let n = anywhere(&mut unit).map(|n| 0.02 + 0.94 * n);
         let (depth, turn, reach) = (1e-4 + 7e-3 * unit(), 6.0 * unit(), 3e-4 + 6e-3 * unit());
         let state = Cell { corners: [n; 3], depth_m: [depth; 2], turn: [turn; 2], reach_m: [reach; 2] };
         let tip = patch.state(&state).tip;
-        let law = Law { ablation: Ablation::None, radius_m: body.tool().radius_m };
+        let law = Law { ablation: Ablation::None, radius_m: body.tool().radius_m() };
         let mut site = Site::<L>::new(body, law, element);
         let f = site.evaluate(n, tip);
         let drive = R::drive(&mut site, n, &f);

@@ -240,7 +240,7 @@ pub fn stretched(surface: Surface, feel: Feel, tensor: Option<&dyn Fn(DVec3, DVe
         responses,
         test_point_nodes: (0..count).collect(),
         lateral_tensors,
-        tool: if feel.radius_m > 0.0 { Tool::sphere(feel.radius_m) } else { Tool::point() },
+        tool: if feel.radius_m > 0.0 { Tool::Sphere { radius_m: feel.radius_m } } else { Tool::Point },
         slip: SlipRule::Paper,
         provenance: Provenance::default(),
     })
@@ -297,7 +297,7 @@ pub fn ratio(most: f64) -> impl proptest::strategy::Strategy<Value = f64> {
     (proptest::bool::ANY, 1.0..most).prop_map(|(isotropic, ratio)| if isotropic { 1.0 } else { ratio })
 }
 
-pub fn step(contact: &mut Contact, body: &Body, p: DVec3) -> Output {
+pub fn step(contact: &mut Contact, body: &palpate_body::ContactModel, p: DVec3) -> Output {
     contact.step(body, &ToolPose::at(p.to_array()))
 }
 

@@ -76,7 +76,7 @@ impl<'a> Reference<'a> {
             (0..3).map(|l| n[l] * f(&self.responses[nodes[l]])).sum()
         };
         let delta = tip - c;
-        let depth = delta.dot(u) + self.body.tool().radius_m;
+        let depth = delta.dot(u) + self.body.tool().radius_m();
         let tangential = delta - u * delta.dot(u);
         let lateral = tangential.length();
         let fz = if depth > 0.0 { mix(&|r| r.normal.value(depth)) } else { 0.0 };
@@ -127,7 +127,7 @@ impl<'a> Reference<'a> {
 
     /// W of the element's law with the curves of node `l` alone and, so that tensors count, ½ of its tensor's share.
     fn curves_at(&self, l: usize, delta: DVec3, u: DVec3, element: usize, n: [f64; 3]) -> f64 {
-        let depth = delta.dot(u) + self.body.tool().radius_m;
+        let depth = delta.dot(u) + self.body.tool().radius_m();
         let tangential = delta - u * delta.dot(u);
         let a = self.mixed_tensor(element, n, tangential);
         let rho = a.dot(tangential).sqrt();
@@ -150,7 +150,7 @@ impl<'a> Reference<'a> {
         let nodes = self.body.elements()[element].nodes.map(|n| n as usize);
         let frame = (0..3).map(|i| self.body.nodes()[nodes[i]].inward * n[i]).sum::<DVec3>();
         let energy = |u: DVec3| -> f64 {
-            let depth = delta.dot(u) + self.body.tool().radius_m;
+            let depth = delta.dot(u) + self.body.tool().radius_m();
             let tangential = delta - u * delta.dot(u);
             let rho = self.mixed_tensor(element, n, tangential).dot(tangential).sqrt();
             let one = |r: &Response| {

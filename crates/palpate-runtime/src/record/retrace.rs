@@ -2,7 +2,7 @@
 
 use super::Record;
 use crate::ground::ready;
-use palpate_body::{Body, BodyError, BodySource, Patch, Result};
+use palpate_body::{BodyError, BodySource, ContactModel, Patch, Result};
 use palpate_engine::{Contact, Output};
 
 /// Steps a contact through a recording's poses, on the patches that the loop had: the same bits come out.
@@ -26,8 +26,8 @@ impl<'a> Retrace<'a> {
     }
 
     /// What the last step was on: a patch, or the whole body.
-    pub fn ground(&self) -> &Body {
-        self.patch.as_ref().map_or(self.body.outline(), |(_, patch)| patch.body())
+    pub fn ground(&self) -> &ContactModel {
+        self.patch.as_ref().map_or(self.body.outline(), |(_, patch)| patch.model())
     }
 
     /// The engine's answer in the period of `record`, with its element numbered in the whole body; `None` if the engine was
@@ -44,11 +44,12 @@ impl<'a> Retrace<'a> {
                 let problem = "its steps were on a whole body, which is not in memory";
                 return Err(BodyError::invalid("recording", problem, "open the body with Body::open"));
             }
+            self.body.serves(self.contact.slip_rule())?;
             return Ok(Some(self.contact.step(whole, &pose)));
         };
         // As the loop did: what came from beyond the patch is forgotten.
         ready(patch, &mut self.contact, &pose);
-        let mut output = self.contact.step(patch.body(), &pose);
+        let mut output = self.contact.step(patch.model(), &pose);
         if let Some(contact) = &mut output.contact {
             contact.element = patch.global(contact.element);
         }

@@ -55,7 +55,7 @@ fn ball() -> Body {
         responses: vec![Response::paper(600.0, 500.0, 0.3, 8e-3, 8e-3).unwrap()],
         test_point_nodes: vec![0],
         lateral_tensors: None,
-        tool: Tool::point(),
+        tool: Tool::Point,
         slip: SlipRule::Paper,
         provenance: Provenance::default(),
     })

@@ -90,7 +90,7 @@ pub fn with_field(
         surface,
         test_point_nodes: (0..count).collect(),
         lateral_tensors: None,
-        tool: Tool::point(),
+        tool: Tool::Point,
         slip: SlipRule::Paper,
         provenance: Provenance::default(),
     })

@@ -58,7 +58,7 @@ pub fn cylinder(triangles: usize, ratio: f64) -> Result<Body> {
         surface,
         responses,
         lateral_tensors: Some(tensors),
-        tool: Tool::point(),
+        tool: Tool::Point,
         slip: SlipRule::Paper,
         provenance: Provenance::default(),
     })?)

@@ -90,7 +90,7 @@ pub fn of_snap(body: &Body, assumptions: &Assumptions, element: u32, cell: &Cell
 
 /// From above the contact point down along its frame, and aside to the state: in stick.
 fn pressed(body: &Body, state: &State) -> Vec<DVec3> {
-    let outside = state.contact - state.inward * (ABOVE + body.tool().radius_m);
+    let outside = state.contact - state.inward * (ABOVE + body.tool().radius_m());
     let down = state.tip - state.lateral;
     [line(outside, down), line(down, state.tip)].concat()
 }

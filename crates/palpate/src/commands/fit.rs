@@ -126,7 +126,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         responses,
         test_point_nodes,
         lateral_tensors: None,
-        tool: spec.as_ref().map_or_else(Tool::point, |s| s.tool.clone()),
+        tool: spec.as_ref().map_or(Tool::Point, |s| s.tool),
         slip: spec.as_ref().map_or_else(SlipRule::default, |s| s.slip),
         provenance,
     })

@@ -134,7 +134,7 @@ fn retrace(args: &Args) -> Result<(), Failure> {
         );
     };
     let (body, _) = live::open_body(&args.body, Some(rule), args.body_in, false)?;
-    let mut again = Retrace::new(&*body, Contact::with_slip(body.outline(), rule, ablation));
+    let mut again = Retrace::new(&*body, Contact::on(body.outline(), rule, ablation));
     let mut summary = Summary::default();
     let (mut differ, mut first, mut number, mut missing) = (0u64, None, None, 0u64);
     files::replace_or_stream(&args.output, |out| {

@@ -60,7 +60,7 @@ pub(super) fn parts(
         responses: surface.positions().iter().map(|p| response(*p)).collect::<Result<_>>()?,
         surface,
         lateral_tensors: None,
-        tool: Tool::point(),
+        tool: Tool::Point,
         slip,
         provenance: Provenance::default(),
     })

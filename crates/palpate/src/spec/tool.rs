@@ -90,15 +90,14 @@ impl RawTool {
 impl ToolShape {
     /// As a body's file names it: a pose gives a ball's middle, and the tip of all others.
     pub fn of_body(&self) -> Tool {
-        let shape = match self {
-            ToolShape::Point => return Tool::point(),
-            ToolShape::Sphere { radius_m } => return Tool::sphere(*radius_m),
-            ToolShape::FlatPunch { .. } => "flat-punch",
-            ToolShape::Cone { .. } => "cone",
-            ToolShape::Capsule { .. } => "capsule",
-            ToolShape::Mesh { .. } => "mesh",
-        };
-        Tool { shape: shape.into(), radius_m: 0.0 }
+        match self {
+            ToolShape::Point => Tool::Point,
+            ToolShape::Sphere { radius_m } => Tool::Sphere { radius_m: *radius_m },
+            ToolShape::FlatPunch { .. } => Tool::FlatPunch,
+            ToolShape::Cone { .. } => Tool::Cone,
+            ToolShape::Capsule { .. } => Tool::Capsule,
+            ToolShape::Mesh { .. } => Tool::Mesh,
+        }
     }
 }
 
