@@ -4,6 +4,7 @@ use crate::curve::Curve;
 use crate::error::{BodyError, Result};
 use crate::gradient::Gradients;
 use crate::model::ContactModel;
+use crate::potential::{CoupledLaw, Potentials};
 use crate::response::{Response, Responses};
 use crate::search::Search;
 use crate::surface::{
@@ -211,10 +212,12 @@ pub struct BodyParts {
     pub surface: Surface,
     /// One for each node.
     pub mixes: Vec<NodeMix>,
-    /// One for each test point, all on shared knots.
+    /// One for each test point, all on shared knots; none with a coupled law.
     pub responses: Vec<Response>,
     /// The node each test point sits on.
     pub test_point_nodes: Vec<u32>,
+    /// In place of responses and lateral tensors: the coupled law, one potential for each test point.
+    pub coupled: Option<CoupledLaw>,
     /// One for each node, as [`tensor::from_stiffness`] makes them; `None` where the lateral response is alike in all
     /// directions.
     pub lateral_tensors: Option<Vec<Tensor>>,
@@ -233,6 +236,7 @@ pub struct Body {
     pub(crate) model: ContactModel,
     pub(crate) vertices: Vec<u32>,
     pub(crate) curves: Vec<Response>,
+    pub(crate) coupled: Option<CoupledLaw>,
     pub(crate) test_point_nodes: Vec<u32>,
     pub(crate) provenance: Provenance,
 }
@@ -257,11 +261,13 @@ impl Body {
             mixes,
             responses,
             test_point_nodes,
+            coupled,
             lateral_tensors,
             tool,
             slip,
             provenance,
         } = parts;
+        let points = coupled.as_ref().map_or(responses.len(), CoupledLaw::len);
         let elements = surface.elements.as_slice();
         check_surface(&surface.positions, &surface.inward, &surface.vertices, elements)?;
         if mixes.len() != surface.positions.len() {
@@ -273,12 +279,24 @@ impl Body {
         }
         let fades = border_nodes(surface.positions.len(), elements);
         for (n, (mix, &fades)) in mixes.iter().zip(&fades).enumerate() {
-            check_mix(n, mix, responses.len(), fades)?;
+            check_mix(n, mix, points, fades)?;
         }
-        check_test_points(&test_point_nodes, responses.len(), mixes.len())?;
+        check_test_points(&test_point_nodes, points, mixes.len())?;
         tool.check()?;
         let lateral_tensors = checked_tensors(lateral_tensors, &surface.inward)?;
-        let table = Responses::new(&responses)?;
+        let (table, potentials) = match &coupled {
+            None => (Responses::new(&responses)?, Potentials::default()),
+            Some(law) => {
+                if !(responses.is_empty() && lateral_tensors.is_empty()) {
+                    let problem = "there are responses or lateral tensors beside a coupled law";
+                    return Err(BodyError::invalid("law", problem, "give one kind of law"));
+                }
+                let at: Vec<DVec3> = test_point_nodes.iter().map(|&n| surface.inward[n as usize]).collect();
+                law.check(&at)?;
+                let (knots, potentials) = Potentials::new(law)?;
+                (Responses::knots_alone(knots, law.range_m)?, potentials)
+            }
+        };
         let nodes = surface.positions.iter().zip(&surface.inward).zip(&mixes);
         let nodes = nodes.map(|((&position, &inward), mix)| Node::new(position, inward, mix));
         let nodes: Vec<Node> = nodes.collect();
@@ -288,13 +306,21 @@ impl Body {
             elements: surface.elements,
             search,
             responses: table,
+            potentials,
             creased: creased(&surface.vertices),
             lateral_tensors,
             tool,
             slip,
             gradients: OnceLock::new(),
         };
-        Ok(Body { model, vertices: surface.vertices, curves: responses, test_point_nodes, provenance })
+        Ok(Body {
+            model,
+            vertices: surface.vertices,
+            curves: responses,
+            coupled,
+            test_point_nodes,
+            provenance,
+        })
     }
 
     /// Derives what contacts with this slip rule read besides, unless that was done before: for
@@ -310,8 +336,7 @@ impl Body {
 
     /// [`ContactModel::gradients`], derived if they were not yet.
     pub fn prepared_gradients(&self) -> &Gradients {
-        let ContactModel { nodes, elements, lateral_tensors, responses, gradients, .. } = &self.model;
-        gradients.get_or_init(|| Gradients::new(nodes, elements, lateral_tensors, responses, &self.curves))
+        self.model.gradients.get_or_init(|| Gradients::new(&self.model, &self.curves))
     }
 
     /// What it is made of, as [`Body::new`] takes it: to make another body that differs in some of it.
@@ -331,6 +356,7 @@ impl Body {
                 .collect(),
             responses: self.curves.clone(),
             test_point_nodes: self.test_point_nodes.clone(),
+            coupled: self.coupled.clone(),
             lateral_tensors: self.lateral_tensors().map(<[Tensor]>::to_vec),
             tool: self.tool,
             slip: self.slip,
@@ -338,7 +364,12 @@ impl Body {
         }
     }
 
-    /// Curves of each test point.
+    /// The coupled law, if that is the body's.
+    pub fn coupled_law(&self) -> Option<&CoupledLaw> {
+        self.coupled.as_ref()
+    }
+
+    /// Curves of each test point; none with a coupled law.
     pub fn curves(&self) -> &[Response] {
         &self.curves
     }
@@ -361,7 +392,7 @@ impl Body {
     /// The curves of one node: the mix of its test points'.
     ///
     /// # Errors
-    /// No such node.
+    /// No such node, or a coupled law.
     pub fn node_response(&self, node: usize) -> Result<Response> {
         let Some(n) = self.nodes.get(node) else {
             return Err(BodyError::invalid(
@@ -370,6 +401,11 @@ impl Body {
                 "choose one in range",
             ));
         };
+        if self.coupled.is_some() {
+            let problem =
+                "the body's law is a coupled potential, which has no curves of its own for each direction";
+            return Err(BodyError::invalid(format!("node {node}"), problem, "ask for its coupled law"));
+        }
         let mix = |curve: fn(&Response) -> &Curve| {
             let terms: Vec<_> = n
                 .weights

@@ -23,6 +23,8 @@ pub enum Extension {
     Linear,
     /// At its last value: friction coefficients, which must not run below zero.
     Constant,
+    /// Along its end's parabola: energies, whose slope is a force that goes on linearly.
+    Quadratic,
 }
 
 /// A piecewise cubic y(δ) on 0 = knots\[0\] < knots\[1\] < …, constant at `y(0)` for δ < 0.
@@ -178,8 +180,12 @@ impl Curve {
             before += h * (b[0] + b[1] + b[2] + b[3]) / 4.0;
         }
         let (b, h) = (self.ordinates[self.ordinates.len() - 1], self.last_width());
-        let slope = if self.extension == Extension::Linear { 3.0 * (b[3] - b[2]) / h } else { 0.0 };
-        pieces.push(Piece { integral: before, coefficients: [b[3], slope, 0.0, 0.0] });
+        let slope = if self.extension == Extension::Constant { 0.0 } else { 3.0 * (b[3] - b[2]) / h };
+        let bend = match self.extension {
+            Extension::Quadratic => 3.0 * (b[3] - 2.0 * b[2] + b[1]) / (h * h),
+            Extension::Linear | Extension::Constant => 0.0,
+        };
+        pieces.push(Piece { integral: before, coefficients: [b[3], slope, bend, 0.0] });
         pieces
     }
 

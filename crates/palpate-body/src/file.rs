@@ -214,6 +214,7 @@ impl Body {
             mixes: mixes.map(|(test_points, weights)| NodeMix { test_points, weights }).collect(),
             responses: responses.collect::<Result<_>>()?,
             test_point_nodes,
+            coupled: None,
             lateral_tensors: Some(pod_collect_to_vec(file.bytes("lateral_tensors"))),
             tool: file.json("tool", serde_json::from_str)?,
             slip: file.slip()?,

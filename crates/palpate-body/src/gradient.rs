@@ -15,7 +15,10 @@
 
 use crate::body::Node;
 use crate::curve::Curve;
-use crate::response::{Known, POWERS, Response, Responses, Strain};
+use crate::law::{CoupledRow, Monomials, QUANTITIES};
+use crate::model::ContactModel;
+use crate::potential::{PotentialAt, Potentials};
+use crate::response::{POWERS, Response, Responses, Strain};
 use crate::surface::Element;
 use crate::tensor::Tensor;
 use glam::{DVec3, Vec3A, Vec4};
@@ -41,6 +44,127 @@ pub type Powers = [DVec3; POWERS];
 /// A node's energy gradient in one interval: the coefficients of [`Strain`]'s powers.
 type Row = [Vec4; POWERS];
 
+/// The same of a coupled law, in powers of the depth: the coefficients of the monomials in the tangents of the node's first
+/// test point.
+type CoupledGradient = [[Vec4; TERMS]; 4];
+
+/// Quantities of a potential that have a gradient: all but μ.
+const TERMS: usize = QUANTITIES - 1;
+
+/// The test points' energies at one deflection, as a law finds them: what a node's gradient sums.
+pub trait PointEnergies {
+    /// W_t, J; of a test point that does not exist 0.
+    ///
+    /// # Real-time
+    /// O(1), never panics.
+    fn energy(&self, test_point: u32) -> f64;
+
+    /// The gradient of a node whose curves begin at `start` in the tables of `gradients`, N.
+    ///
+    /// # Real-time
+    /// O(1), never panics.
+    fn gradient(&self, gradients: &Gradients, start: usize, reference: u32) -> Vec3A;
+}
+
+/// Energies of test points that were found before.
+#[derive(Debug, Clone, Copy)]
+pub struct Known {
+    /// Test points.
+    pub points: [u32; 3],
+    /// Their energies, J.
+    pub energies: [f64; 3],
+}
+
+impl Known {
+    /// None.
+    pub const NONE: Self = Known { points: [u32::MAX; 3], energies: [0.0; 3] };
+
+    #[inline(always)]
+    fn energy(&self, point: u32, find: impl FnOnce() -> f64) -> f64 {
+        let ([a, b, c], [x, y, z]) = (self.points, self.energies);
+        if point == a {
+            x
+        } else if point == b {
+            y
+        } else if point == c {
+            z
+        } else {
+            find()
+        }
+    }
+}
+
+/// Energies of a decoupled law.
+#[derive(Debug, Clone, Copy)]
+pub struct DecoupledEnergies<'a> {
+    /// The deflections.
+    pub strain: Strain<'a>,
+    /// What is known already.
+    pub known: Known,
+}
+
+impl PointEnergies for DecoupledEnergies<'_> {
+    #[inline(always)]
+    fn energy(&self, test_point: u32) -> f64 {
+        self.known.energy(test_point, || self.strain.energy(test_point))
+    }
+
+    #[inline(always)]
+    fn gradient(&self, gradients: &Gradients, start: usize, _: u32) -> Vec3A {
+        let (i, j) = self.strain.rows(start);
+        let [p, q] = self.strain.single();
+        match (gradients.depth_rows.get(i), gradients.lateral_rows.get(j)) {
+            (Some(depth), Some(lateral)) => Vec3A::from_vec4(value(depth, &p) + value(lateral, &q)),
+            _ => Vec3A::ZERO,
+        }
+    }
+}
+
+/// Energies of a coupled law.
+#[derive(Debug, Clone, Copy)]
+pub struct CoupledEnergies<'a> {
+    /// The test points.
+    pub potentials: &'a Potentials,
+    /// The interval of δz, and the distance from its knot, m.
+    pub depth: (usize, f64),
+    /// δ_t, m.
+    pub tangential: DVec3,
+    /// What is known already.
+    pub known: Known,
+}
+
+impl CoupledEnergies<'_> {
+    #[inline(always)]
+    fn at(&self, test_point: u32) -> PotentialAt<'_> {
+        self.potentials.at(test_point, self.depth.0)
+    }
+}
+
+impl PointEnergies for CoupledEnergies<'_> {
+    #[inline]
+    fn energy(&self, test_point: u32) -> f64 {
+        let find =
+            || self.at(test_point).law(self.depth.1, self.tangential, self.potentials.range_m()).0.energy;
+        self.known.energy(test_point, find)
+    }
+
+    #[inline(always)]
+    fn gradient(&self, gradients: &Gradients, start: usize, reference: u32) -> Vec3A {
+        let (interval, t) = self.depth;
+        let Some([a, b, c, d]) = gradients.coupled_rows.get(self.potentials.row(start, interval)) else {
+            return Vec3A::ZERO;
+        };
+        let m = Monomials::new(self.at(reference).xi(self.tangential), self.potentials.range_m());
+        let ([x, y], [u, v, w], [p, q, r, s]) = (m.xi, m.quadratic, m.cubic);
+        let (t, monomials) = (t as f32, [1.0, x, y, u, v, w, p, q, r, s, m.quartic].map(|m| m as f32));
+        let mut sum = Vec4::ZERO;
+        for ((((a, b), c), d), m) in a.iter().zip(b).zip(c).zip(d).zip(monomials) {
+            sum += (*a + (*b + (*c + *d * t) * t) * t) * m;
+        }
+        Vec3A::from_vec4(sum)
+    }
+}
+
 /// Where a node's energy gradient is.
 #[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
@@ -62,6 +186,8 @@ pub struct Gradients {
     /// (nodes with curves × depth knots), and the same of the lateral curves.
     depth_rows: Vec<Row>,
     lateral_rows: Vec<Row>,
+    /// (nodes with curves × depth knots), of a coupled law in place of the two.
+    coupled_rows: Vec<CoupledGradient>,
     /// ∇̄u_l: (nodes × 3 coordinates of u), each a gradient, 1/m.
     turns: Vec<[Vec4; 3]>,
     /// ∇̄A_l: (nodes × 3 directions), 1/m; none where the lateral response is alike in all directions.
@@ -88,20 +214,16 @@ fn above(x: f64) -> f32 {
 }
 
 impl Gradients {
-    /// Of the nodes of a checked body; `tensors` are none or one for each node.
-    pub(crate) fn new(
-        nodes: &[Node],
-        elements: &[Element],
-        tensors: &[Tensor],
-        responses: &Responses,
-        curves: &[Response],
-    ) -> Self {
+    /// Of the nodes of a checked model; `curves` are its test points' responses, none with a coupled law.
+    pub(crate) fn new(model: &ContactModel, curves: &[Response]) -> Self {
+        let ContactModel { nodes, elements, lateral_tensors: tensors, responses, potentials, .. } = model;
         let around = Around::new(nodes.len(), elements);
         let mut gradients = Gradients {
             places: Vec::with_capacity(nodes.len()),
             terms: Vec::new(),
             depth_rows: Vec::new(),
             lateral_rows: Vec::new(),
+            coupled_rows: Vec::new(),
             turns: Vec::with_capacity(nodes.len()),
             tensors: Vec::with_capacity(tensors.len()),
             most: Vec::with_capacity(nodes.len()),
@@ -159,19 +281,30 @@ impl Gradients {
             let norm = |of: &[DVec3]| (of.iter().map(|g| g.length_squared()).sum::<f64>()).sqrt() * per;
             // Six components stand for nine: those off the diagonal count twice.
             gradients.most.push(Most {
-                energy: above(steepest(&sum, node, curves) * per),
+                energy: if model.is_coupled() && !sum.is_empty() {
+                    // A potential may vanish where its neighbours' do not.
+                    f32::INFINITY
+                } else {
+                    above(steepest(&sum, node, curves) * per)
+                },
                 turn: above(norm(&turn)),
                 tensor: above(norm(&change).hypot(norm(&change[3..]))),
             });
             if sum.len() > MAX_TERMS {
                 sum.iter_mut().for_each(|(_, g)| *g *= per);
                 let reference = node.test_points[0];
-                let start = (gradients.depth_rows.len() / depth_knots) as u32;
+                let rows_before = gradients.depth_rows.len().max(gradients.coupled_rows.len());
+                let start = (rows_before / depth_knots) as u32;
                 gradients.places.push(Place { start, count: CURVES });
-                let depth = rows(&sum, reference, depth_knots, |t, i| responses.depth_row(t, i));
-                gradients.depth_rows.extend(depth);
-                let lateral = rows(&sum, reference, lateral_knots, |t, i| responses.lateral_row(t, i));
-                gradients.lateral_rows.extend(lateral);
+                if model.is_coupled() {
+                    let rows = coupled_rows(&sum, reference, depth_knots, potentials);
+                    gradients.coupled_rows.extend(rows);
+                } else {
+                    let depth = rows(&sum, reference, depth_knots, |t, i| responses.depth_row(t, i));
+                    gradients.depth_rows.extend(depth);
+                    let lateral = rows(&sum, reference, lateral_knots, |t, i| responses.lateral_row(t, i));
+                    gradients.lateral_rows.extend(lateral);
+                }
             } else {
                 gradients.places.push(Place { start: gradients.terms.len() as u32, count: sum.len() as u32 });
                 gradients.terms.extend(sum.iter().map(|(t, g)| Term { gradient: single(g), test_point: *t }));
@@ -200,11 +333,12 @@ impl Gradients {
         responses: &Responses,
         renumber: impl Fn(u32) -> u32,
     ) {
-        let Gradients { places, terms, depth_rows, lateral_rows, turns, tensors, most } = self;
+        let Gradients { places, terms, depth_rows, lateral_rows, coupled_rows, turns, tensors, most } = self;
         places.clear();
         terms.clear();
         depth_rows.clear();
         lateral_rows.clear();
+        coupled_rows.clear();
         turns.clear();
         tensors.clear();
         most.clear();
@@ -213,9 +347,14 @@ impl Gradients {
             let Place { start, count } = from.places[n];
             let at = start as usize;
             if count == CURVES {
-                places.push(Place { start: (depth_rows.len() / depth) as u32, count });
-                depth_rows.extend_from_slice(&from.depth_rows[at * depth..][..depth]);
-                lateral_rows.extend_from_slice(&from.lateral_rows[at * lateral..][..lateral]);
+                let rows_before = depth_rows.len().max(coupled_rows.len());
+                places.push(Place { start: (rows_before / depth) as u32, count });
+                if from.coupled_rows.is_empty() {
+                    depth_rows.extend_from_slice(&from.depth_rows[at * depth..][..depth]);
+                    lateral_rows.extend_from_slice(&from.lateral_rows[at * lateral..][..lateral]);
+                } else {
+                    coupled_rows.extend_from_slice(&from.coupled_rows[at * depth..][..depth]);
+                }
             } else {
                 places.push(Place { start: terms.len() as u32, count });
                 let named = from.terms[at..][..count as usize].iter();
@@ -236,27 +375,22 @@ impl Gradients {
         self.most.get(node as usize).copied().unwrap_or(Most { energy: 0.0, turn: 0.0, tensor: 0.0 })
     }
 
-    /// ∇̄W of a node whose first test point is `reference`, N. `known` are energies that were found before.
+    /// ∇̄W of a node whose first test point is `reference`, N.
     ///
     /// # Real-time
     /// Two look-ups, or three terms; no allocation, never panics: zero for a node that does not exist.
     #[inline(always)]
-    pub fn energy(&self, node: u32, reference: u32, strain: &Strain, known: &Known) -> Vec3A {
+    pub fn energy(&self, node: u32, reference: u32, energies: &impl PointEnergies) -> Vec3A {
         let Some(&Place { start, count }) = self.places.get(node as usize) else { return Vec3A::ZERO };
         let start = start as usize;
         if count == CURVES {
-            let (i, j) = strain.rows(start);
-            let [p, q] = strain.single();
-            return match (self.depth_rows.get(i), self.lateral_rows.get(j)) {
-                (Some(depth), Some(lateral)) => Vec3A::from_vec4(value(depth, &p) + value(lateral, &q)),
-                _ => Vec3A::ZERO,
-            };
+            return energies.gradient(self, start, reference);
         }
         let mut sum = Vec3A::ZERO;
         if count > 0 {
-            let base = known.energy(strain, reference);
+            let base = energies.energy(reference);
             for term in self.terms.get(start..start + count as usize).unwrap_or(&[]) {
-                let difference = known.energy(strain, term.test_point) - base;
+                let difference = energies.energy(term.test_point) - base;
                 sum += Vec3A::from_array(term.gradient) * difference as f32;
             }
         }
@@ -330,13 +464,14 @@ impl Gradients {
     }
 
     /// Bytes that a step may read.
-    pub(crate) fn memory(&self) -> [&[u8]; 7] {
+    pub(crate) fn memory(&self) -> [&[u8]; 8] {
         [
             bytemuck::cast_slice(&self.places),
             bytemuck::cast_slice(&self.most),
             bytemuck::cast_slice(&self.terms),
             bytemuck::cast_slice(&self.depth_rows),
             bytemuck::cast_slice(&self.lateral_rows),
+            bytemuck::cast_slice(&self.coupled_rows),
             bytemuck::cast_slice(&self.turns),
             bytemuck::cast_slice(&self.tensors),
         ]
@@ -410,6 +545,31 @@ fn rows(
             sum.iter_mut().zip(differences).for_each(|(sum, (value, base))| *sum += *g * (value - base));
         }
         sum.map(|sum| sum.as_vec3().extend(0.0))
+    })
+}
+
+/// Σ g (potential − that of the reference) in the reference's tangents, in each interval.
+///
+/// A test point sees δ_t in its own tangents, which are turned a little against the reference's: what is lost by looking at it
+/// in these is of the second order in the angle between their normals.
+fn coupled_rows(
+    terms: &[(u32, DVec3)],
+    reference: u32,
+    intervals: usize,
+    potentials: &Potentials,
+) -> impl Iterator<Item = CoupledGradient> {
+    (0..intervals).map(move |interval| {
+        let base = potentials.at(reference, interval);
+        let mut sum = [[DVec3::ZERO; TERMS]; 4];
+        for (t, g) in terms {
+            let seen: CoupledRow = potentials.at(*t, interval).seen_from(base.tangents);
+            for (sum, (seen, base)) in sum.iter_mut().zip(seen.iter().zip(base.row)) {
+                sum.iter_mut()
+                    .zip(seen.iter().zip(base))
+                    .for_each(|(sum, (seen, base))| *sum += *g * (seen - base));
+            }
+        }
+        sum.map(|quantities| quantities.map(|sum| sum.as_vec3().extend(0.0)))
     })
 }
 

@@ -22,6 +22,7 @@
 //!     surface,
 //!     responses: vec![Response { normal, lateral, friction }],
 //!     test_point_nodes: vec![0],
+//!     coupled: None,
 //!     lateral_tensors: None, // alike in all directions
 //!     tool: Tool::Point,
 //!     slip: SlipRule::Paper,
@@ -37,8 +38,11 @@ pub mod error;
 pub mod file;
 pub mod gradient;
 pub mod import;
+pub mod law;
 pub mod model;
+pub mod number;
 pub mod patch;
+pub mod potential;
 mod ranks;
 pub mod repair;
 pub mod response;
@@ -52,10 +56,12 @@ pub mod tensor;
 pub use body::{Body, BodyParts, Node, NodeMix, PointErrors, Provenance, SlipRule, Tool};
 pub use curve::{Curve, Extension, Interpolation};
 pub use error::{BodyError, Result};
-pub use gradient::{Gradients, Most, Powers};
+pub use gradient::{CoupledEnergies, DecoupledEnergies, Gradients, Known, Most, PointEnergies, Powers};
 pub use model::ContactModel;
+pub use number::{Dual, Number};
 pub use patch::Patch;
-pub use response::{Known, Response, Responses, Rows, Sample, Strain};
+pub use potential::{CoupledLaw, Potential, Potentials};
+pub use response::{Response, Responses, Rows, Sample, Strain};
 pub use search::{MeshSearch, Nearest, SurfacePoint, Touch};
 pub use source::{BodySource, Extent};
 pub use stored::StoredBody;

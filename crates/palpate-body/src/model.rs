@@ -5,6 +5,7 @@
 
 use crate::body::{MAX_FAN, NO_NODE, Node, SlipRule, Tool, mixed_inward};
 use crate::gradient::Gradients;
+use crate::potential::Potentials;
 use crate::response::Responses;
 use crate::search::{Search, point};
 use crate::surface::{Element, FENCE};
@@ -19,6 +20,8 @@ pub struct ContactModel {
     pub(crate) elements: Vec<Element>,
     pub(crate) search: Search,
     pub(crate) responses: Responses,
+    /// Of the coupled law; none where it is the decoupled one.
+    pub(crate) potentials: Potentials,
     pub(crate) creased: bool,
     /// (nodes), or empty where all are the identity.
     pub(crate) lateral_tensors: Vec<Tensor>,
@@ -35,6 +38,7 @@ impl PartialEq for ContactModel {
             && self.elements == other.elements
             && self.search == other.search
             && self.responses == other.responses
+            && self.potentials == other.potentials
             && self.creased == other.creased
             && self.lateral_tensors == other.lateral_tensors
             && self.tool == other.tool
@@ -45,16 +49,23 @@ impl PartialEq for ContactModel {
 impl ContactModel {
     /// Knots, tool and slip rule alone, with nothing to touch: what a [`Patch`](crate::Patch) fills.
     pub(crate) fn outline(&self) -> Self {
-        Self::without_surface(self.responses.without_points(), self.creased, self.tool, self.slip)
+        let law = (self.responses.without_points(), self.potentials.without_points());
+        Self::without_surface(law, self.creased, self.tool, self.slip)
     }
 
-    /// With the knots of `responses`, and nothing to touch.
-    pub(crate) fn without_surface(responses: Responses, creased: bool, tool: Tool, slip: SlipRule) -> Self {
+    /// With the knots of a law, and nothing to touch.
+    pub(crate) fn without_surface(
+        (responses, potentials): (Responses, Potentials),
+        creased: bool,
+        tool: Tool,
+        slip: SlipRule,
+    ) -> Self {
         ContactModel {
             nodes: Vec::new(),
             elements: Vec::new(),
             search: Search::default(),
             responses,
+            potentials,
             creased,
             lateral_tensors: Vec::new(),
             tool,
@@ -83,7 +94,19 @@ impl ContactModel {
         &self.elements
     }
 
-    /// Mixed responses.
+    /// Test points' potentials: none where the law is the decoupled one.
+    #[inline]
+    pub fn potentials(&self) -> &Potentials {
+        &self.potentials
+    }
+
+    /// Whether the law is a coupled potential.
+    #[inline]
+    pub fn is_coupled(&self) -> bool {
+        !self.potentials.is_empty()
+    }
+
+    /// Mixed responses; the knots alone with a coupled law.
     pub fn responses(&self) -> &Responses {
         &self.responses
     }
@@ -260,6 +283,11 @@ impl ContactModel {
             bytemuck::cast_slice(&self.lateral_tensors),
         ];
         let gradients = self.gradients().into_iter().flat_map(Gradients::memory);
-        parts.into_iter().chain(self.responses.memory()).chain(self.search.memory()).chain(gradients)
+        parts
+            .into_iter()
+            .chain(self.responses.memory())
+            .chain(self.potentials.memory())
+            .chain(self.search.memory())
+            .chain(gradients)
     }
 }

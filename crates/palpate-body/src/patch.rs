@@ -108,6 +108,7 @@ impl Patch {
             to.lateral_tensors.extend(nodes.list().iter().map(|&n| body.lateral_tensors[n as usize]));
         }
         to.responses.copy(&body.responses, test_points.list());
+        to.potentials.copy(&body.potentials, test_points.list());
         if let Some(from) = gradients {
             let mut copy = to.gradients.take().unwrap_or_default();
             copy.copy(from, nodes.list(), &body.responses, |t| test_points.renumber(t));

@@ -166,7 +166,7 @@ impl Responses {
         self.lateral_rows.len() / self.lateral.knots.len()
     }
 
-    /// Never: a body has at least one test point.
+    /// Whether there are none: the body's law is a coupled one.
     pub fn is_empty(&self) -> bool {
         self.lateral_rows.is_empty()
     }
@@ -221,6 +221,12 @@ impl Responses {
         }
     }
 
+    /// The knots of a coupled law, and no curves: lateral deflections are known up to `range_m`.
+    pub(crate) fn knots_alone(depth: Knots, range_m: f64) -> Result<Self> {
+        let lateral = Knots::new(&[0.0, range_m])?;
+        Ok(Responses { depth, lateral, depth_rows: Vec::new(), lateral_rows: Vec::new() })
+    }
+
     /// The knots alone.
     pub(crate) fn without_points(&self) -> Self {
         let (depth, lateral) = (self.depth.clone(), self.lateral.clone());
@@ -231,6 +237,9 @@ impl Responses {
     pub(crate) fn copy(&mut self, from: &Responses, points: &[u32]) {
         self.depth_rows.clear();
         self.lateral_rows.clear();
+        if from.is_empty() {
+            return;
+        }
         for &point in points {
             let rows = |columns: usize| point as usize * columns..(point as usize + 1) * columns;
             self.depth_rows.extend_from_slice(&from.depth_rows[rows(from.depth.knots.len())]);
@@ -268,32 +277,6 @@ pub struct Strain<'a> {
     lateral_powers: [f64; POWERS],
 }
 
-/// Energies of three test points at a [`Strain`].
-#[derive(Debug, Clone, Copy)]
-pub struct Known {
-    points: [u32; 3],
-    energies: [f64; 3],
-}
-
-impl Known {
-    /// None.
-    pub const NONE: Self = Known { points: [u32::MAX; 3], energies: [0.0; 3] };
-
-    #[inline(always)]
-    pub(crate) fn energy(&self, strain: &Strain, point: u32) -> f64 {
-        let ([a, b, c], [x, y, z]) = (self.points, self.energies);
-        if point == a {
-            x
-        } else if point == b {
-            y
-        } else if point == c {
-            z
-        } else {
-            strain.energy(point)
-        }
-    }
-}
-
 /// Coefficients of a test point's energy in one interval.
 pub const POWERS: usize = 5;
 
@@ -321,8 +304,8 @@ impl Strain<'_> {
     /// # Real-time
     /// As [`Strain::energy`].
     #[inline]
-    pub fn known(&self, points: [u32; 3]) -> Known {
-        Known { points, energies: points.map(|t| self.energy(t)) }
+    pub fn known(&self, points: [u32; 3]) -> crate::gradient::Known {
+        crate::gradient::Known { points, energies: points.map(|t| self.energy(t)) }
     }
 
     /// The powers of both, in single precision.

@@ -16,6 +16,7 @@ use crate::file::{CURVES, File, SharedKnots, Stamp, mapped};
 use crate::gradient::Gradients;
 use crate::model::ContactModel;
 use crate::patch::Patch;
+use crate::potential::Potentials;
 use crate::ranks::Ranks;
 use crate::response::{Response, Responses};
 use crate::search::{Search, point};
@@ -150,7 +151,12 @@ impl StoredBody {
                 curves: [0, 1, 2].map(|i| parsed.place(CURVES[i].tensor)),
             },
             knots,
-            outline: ContactModel::without_surface(responses, creased(vertices), tool, own),
+            outline: ContactModel::without_surface(
+                (responses, Potentials::default()),
+                creased(vertices),
+                tool,
+                own,
+            ),
             search,
             nodes: positions.len(),
             test_points: at.len(),
@@ -330,9 +336,7 @@ impl Reading<'_> {
             model.lateral_tensors = self.rows(self.of.tensors.lateral_tensors, which)?;
         }
         if self.of.gradients {
-            let ContactModel { nodes, elements, lateral_tensors, responses: table, .. } = &model;
-            let gradients = Gradients::new(nodes, elements, lateral_tensors, table, &responses);
-            model.gradients = gradients.into();
+            model.gradients = Gradients::new(&model, &responses).into();
         }
         Ok((model, Ranks::of(chosen.iter().map(|&e| numbers.renumber(e)))))
     }

@@ -112,6 +112,7 @@ fn made(
         |n: u32| NodeMix { test_points: [n % points, (n + 1) % points, 0], weights: [0.7, 0.1 + 0.2, 0.0] };
     Body::new(BodyParts {
         mixes: (0..nodes).map(mix).collect(),
+        coupled: None,
         lateral_tensors: tensors(surface.inward_normals()),
         surface,
         responses: (0..points).map(|t| response(300.0 + 70.0 * t as f64)).collect(),
@@ -213,6 +214,7 @@ fn the_radius_survives_to_the_last_bit() {
             surface,
             responses: vec![response(500.0)],
             test_point_nodes: vec![0],
+            coupled: None,
             lateral_tensors: None,
             tool: Tool::Sphere { radius_m: radius },
             slip: SlipRule::Paper,
@@ -256,6 +258,7 @@ fn a_failed_save_leaves_the_old_file() {
         surface,
         responses: vec![response(500.0)],
         test_point_nodes: vec![0],
+        coupled: None,
         lateral_tensors: None,
         tool: Tool::Point,
         slip: SlipRule::Paper,

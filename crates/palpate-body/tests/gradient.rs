@@ -3,7 +3,8 @@
 use glam::DVec3;
 use palpate_body::body::share_knots;
 use palpate_body::{
-    Body, BodyParts, Known, NodeMix, Provenance, Response, SlipRule, Surface, Tool, TriangleMesh,
+    Body, BodyParts, DecoupledEnergies, Known, NodeMix, Provenance, Response, SlipRule, Surface, Tool,
+    TriangleMesh,
 };
 
 /// A right triangle of 3 cm, each side cut into `cells`, tilted in space.
@@ -35,6 +36,7 @@ fn body(mesh: &TriangleMesh, mixes: Vec<NodeMix>, responses: Vec<Response>) -> B
         surface,
         mixes,
         responses: share_knots(responses).unwrap(),
+        coupled: None,
         lateral_tensors: None,
         tool: Tool::Point,
         slip: SlipRule::Consistent,
@@ -77,8 +79,8 @@ fn a_linear_field_has_its_gradient_everywhere() {
                 let most = f64::from(body.prepared_gradients().most(n as u32).energy);
                 assert!((1.0..1.0 + 1e-5).contains(&(most / share)), "node {n}: {most} {share}");
                 for known in [Known::NONE, strain.known(node.test_points)] {
-                    let gradient =
-                        body.prepared_gradients().energy(n as u32, node.test_points[0], &strain, &known);
+                    let energies = DecoupledEnergies { strain, known };
+                    let gradient = body.prepared_gradients().energy(n as u32, node.test_points[0], &energies);
                     let error = (gradient.as_dvec3() - exact).length();
                     assert!(error < 2e-6 * exact.length(), "node {n}: {gradient} {exact}");
                 }

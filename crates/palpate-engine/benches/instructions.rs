@@ -61,6 +61,7 @@ fn tube(finer: u32, ratio: f64) -> Body {
             .collect(),
         responses,
         test_point_nodes: test_point_nodes.collect(),
+        coupled: None,
         lateral_tensors: Some(tensors),
         tool: Tool::Point,
         slip: SlipRule::Paper,

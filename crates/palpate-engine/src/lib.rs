@@ -16,7 +16,7 @@
 //! # let surface = Shape::Sphere { radius_mm: 30.0 }.surface(Default::default())?;
 //! # let responses = vec![Response::paper(600.0, 500.0, 0.3, 8e-3, 8e-3)?];
 //! # let body = Body::new(BodyParts { mixes: vec![NodeMix::own(0); surface.positions().len()], surface, responses,
-//! #     test_point_nodes: vec![0], lateral_tensors: None, tool: Tool::Point, slip: SlipRule::Paper,
+//! #     test_point_nodes: vec![0], coupled: None, lateral_tensors: None, tool: Tool::Point, slip: SlipRule::Paper,
 //! #     provenance: Provenance::default() })?;
 //! let mut contact = Contact::new(&body);
 //! contact.step(&body, &ToolPose::at([0.0, 0.0, 31e-3])); // above the sphere

@@ -134,6 +134,7 @@ pub(crate) mod tests {
             mixes: (0..count).map(NodeMix::own).collect(),
             responses: surface.positions().iter().enumerate().map(response).collect(),
             test_point_nodes: (0..count).collect(),
+            coupled: None,
             lateral_tensors: Some(surface.inward_normals().iter().enumerate().map(tensor).collect()),
             surface,
             tool: Tool::Sphere { radius_m: 2e-3 },

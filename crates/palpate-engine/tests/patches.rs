@@ -36,6 +36,7 @@ fn lidless(rng: &mut Chance) -> Body {
     let along = fibres(rng, 1.7);
     let frames = surface.positions().iter().zip(surface.inward_normals());
     let body = Body::new(BodyParts {
+        coupled: None,
         lateral_tensors: Some(frames.map(|(p, u)| along(*p, *u)).collect()),
         test_point_nodes: vec![0; responses.len()],
         mixes,

@@ -48,6 +48,7 @@ fn plane(mesh: &TriangleMesh, lateral: Curve, friction: f64) -> Body {
         surface,
         responses: vec![response],
         test_point_nodes: vec![0],
+        coupled: None,
         lateral_tensors: None,
         tool: Tool::Point,
         slip: SlipRule::Paper,

@@ -61,6 +61,7 @@ fn body(surface: &Surface, fit: &Fit) -> Body {
         mixes: fit.mixes.clone(),
         responses: fit.responses.clone(),
         test_point_nodes: fit.test_point_nodes.clone(),
+        coupled: None,
         lateral_tensors: None,
         tool: Tool::Point,
         slip: SlipRule::Paper,

@@ -189,6 +189,7 @@ fn nodes_between_mix_turned_tensors_and_make_a_body() {
         mixes: fit.fit.mixes,
         responses: fit.fit.responses,
         test_point_nodes: fit.fit.test_point_nodes,
+        coupled: None,
         lateral_tensors: Some(fit.lateral_tensors),
         tool: Tool::Point,
         slip: SlipRule::Paper,

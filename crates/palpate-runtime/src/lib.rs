@@ -18,7 +18,7 @@
 //! # let surface = Shape::Sphere { radius_mm: 30.0 }.surface(Default::default())?;
 //! # let responses = vec![Response::paper(600.0, 500.0, 0.3, 8e-3, 8e-3)?];
 //! # let body = Body::new(BodyParts { mixes: vec![NodeMix::own(0); surface.positions().len()], surface, responses,
-//! #     test_point_nodes: vec![0], lateral_tensors: None, tool: Tool::Point, slip: SlipRule::Paper,
+//! #     test_point_nodes: vec![0], coupled: None, lateral_tensors: None, tool: Tool::Point, slip: SlipRule::Paper,
 //! #     provenance: Provenance::default() })?;
 //! // Down by 5 mm on top of a ball of 30 mm, from 2 mm above it, in half a second.
 //! let (top, down, along) = ([0.0, 0.0, 30e-3].into(), [0.0, 0.0, -1.0].into(), [1.0, 0.0, 0.0].into());

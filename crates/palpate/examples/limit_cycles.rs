@@ -102,6 +102,7 @@ fn plane(k: f64) -> Result<Body> {
         responses: vec![Response::paper(k, k, 0.3, 50e-3, 50e-3)?],
         surface,
         test_point_nodes: vec![0],
+        coupled: None,
         lateral_tensors: None,
         tool: Tool::Point,
         slip: SlipRule::Paper,

@@ -138,6 +138,7 @@ fn body(shape: Shape, edge_length_mm: f64, friction: f64) -> Body {
         mixes: (0..count).map(NodeMix::own).collect(),
         responses: surface.positions().iter().map(respond).collect(),
         test_point_nodes: (0..count).collect(),
+        coupled: None,
         lateral_tensors: None,
         surface,
         tool: Tool::Point,

@@ -36,6 +36,7 @@ fn body(radius_m: f64) -> Body {
         responses: responses.collect(),
         surface,
         test_point_nodes: nodes,
+        coupled: None,
         lateral_tensors: None,
         tool: if radius_m > 0.0 { Tool::Sphere { radius_m } } else { Tool::Point },
         slip: SlipRule::Paper,

@@ -239,6 +239,7 @@ pub fn stretched(surface: Surface, feel: Feel, tensor: Option<&dyn Fn(DVec3, DVe
         surface,
         responses,
         test_point_nodes: (0..count).collect(),
+        coupled: None,
         lateral_tensors,
         tool: if feel.radius_m > 0.0 { Tool::Sphere { radius_m: feel.radius_m } } else { Tool::Point },
         slip: SlipRule::Paper,

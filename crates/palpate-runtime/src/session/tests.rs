@@ -54,6 +54,7 @@ fn ball() -> Body {
         surface,
         responses: vec![Response::paper(600.0, 500.0, 0.3, 8e-3, 8e-3).unwrap()],
         test_point_nodes: vec![0],
+        coupled: None,
         lateral_tensors: None,
         tool: Tool::Point,
         slip: SlipRule::Paper,

@@ -89,6 +89,7 @@ pub fn with_field(
         responses: surface.positions().iter().map(response).collect(),
         surface,
         test_point_nodes: (0..count).collect(),
+        coupled: None,
         lateral_tensors: None,
         tool: Tool::Point,
         slip: SlipRule::Paper,

@@ -57,6 +57,7 @@ pub fn cylinder(triangles: usize, ratio: f64) -> Result<Body> {
         test_point_nodes: test_point_nodes.collect(),
         surface,
         responses,
+        coupled: None,
         lateral_tensors: Some(tensors),
         tool: Tool::Point,
         slip: SlipRule::Paper,

@@ -125,6 +125,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         mixes,
         responses,
         test_point_nodes,
+        coupled: None,
         lateral_tensors: None,
         tool: spec.as_ref().map_or(Tool::Point, |s| s.tool),
         slip: spec.as_ref().map_or_else(SlipRule::default, |s| s.slip),

@@ -59,6 +59,7 @@ pub(super) fn parts(
         test_point_nodes: nodes.collect(),
         responses: surface.positions().iter().map(|p| response(*p)).collect::<Result<_>>()?,
         surface,
+        coupled: None,
         lateral_tensors: None,
         tool: Tool::Point,
         slip,

@@ -93,6 +93,7 @@ pub fn body(record: &Record) -> Result<Assembled> {
         mixes: fitted.fit.mixes,
         responses: fitted.fit.responses,
         test_point_nodes: fitted.fit.test_point_nodes,
+        coupled: None,
         lateral_tensors: Some(fitted.lateral_tensors),
         tool: simulation.tool.of_body(),
         slip: spec.slip,

@@ -1,0 +1,269 @@
+//! The force laws, written once over the [`Number`]: plain in the step, dual for derivatives, intervals for bounds
+//! (MODEL 2; LAW 2).
+//!
+//! Each is a potential W(δz, δ_t); the force on the body is f = f_z û + P_û p with f_z = ∂W/∂δz and p = ∂W/∂δ_t.
+//!
+//! - **Decoupled**, the seed's (4): W = F^z(δz) + F^r(ρ), ρ the length of the lateral deflection or, where the body is
+//!   anisotropic, √(δ_t·A δ_t).
+//! - **Coupled**: W = F + b·ξ + ½ ξ·K ξ + C(ξ³) + Q |ξ|⁴, all of δz, ξ the deflection in the test point's tangents.
+//!
+//! A law is linear in its coefficients, so that test points mix by their weights.
+
+use crate::number::Number;
+use std::array::from_fn;
+
+/// What the decoupled law says at one deflection.
+#[derive(Debug, Clone, Copy)]
+pub struct Decoupled<T> {
+    /// W, J: of the normal and of the lateral deflection.
+    pub energy: [T; 2],
+    /// f_z and f_r, N.
+    pub force: [T; 2],
+    /// f_r', N/m.
+    pub lateral_slope: T,
+}
+
+/// The decoupled law: `normal` and `lateral` are one interval of the curves f_z and f_r each, their integral up to its knot
+/// and their powers of the distance from there; `t` are these distances.
+#[inline(always)]
+pub fn decoupled<T: Number>(normal: [T; 5], lateral: [T; 5], t: [T; 2]) -> Decoupled<T> {
+    let [[j, a0, b0, c0, d0], [k, a1, b1, c1, d1]] = [normal, lateral];
+    let (start, a, b, c, d) = ([j, k], [a0, a1], [b0, b1], [c0, c1], [d0, d1]);
+    let pair =
+        |i: usize| if i == 0 { (t[0], a[0], b[0], c[0], d[0]) } else { (t[1], a[1], b[1], c[1], d[1]) };
+    // Both side by side: forces, then their integrals.
+    let force = from_fn(|i| {
+        let (t, a, b, c, d) = pair(i);
+        a + t * (b + t * (c + t * d))
+    });
+    let integral: [T; 2] = from_fn(|i| {
+        let (t, a, b, c, d) = pair(i);
+        t * (a + t * (b * 0.5 + t * (c * (1.0 / 3.0) + t * (d * 0.25))))
+    });
+    let lateral_slope = b1 + t[1] * (c1 * 2.0 + t[1] * (d1 * 3.0));
+    Decoupled { energy: [start[0] + integral[0], start[1] + integral[1]], force, lateral_slope }
+}
+
+/// Quantities of the coupled law at one depth: F, b (2), K (11, 12, 22), C (111, 112, 122, 222), Q; and μ.
+pub const QUANTITIES: usize = 12;
+
+/// The coupled law's quantities of a test point in one interval of δz: powers of the distance from its knot.
+pub type CoupledRow = [[f64; QUANTITIES]; 4];
+
+/// The quantities at a depth, and their slopes, 1/m.
+#[derive(Debug, Clone, Copy)]
+pub struct AtDepth<T> {
+    /// F in J, b in N, K in N/m, C in N/m², Q in N/m³, μ.
+    pub value: [T; QUANTITIES],
+    /// Their derivatives by δz.
+    pub slope: [T; QUANTITIES],
+}
+
+/// A row at the distance `t` from its knot.
+#[inline(always)]
+pub fn at_depth<T: Number>([a, b, c, d]: &[[f64; QUANTITIES]; 4], t: T) -> AtDepth<T> {
+    let at = |row: &[f64; QUANTITIES], i: usize| T::constant(row.get(i).copied().unwrap_or(0.0));
+    AtDepth {
+        value: from_fn(|i| at(a, i) + t * (at(b, i) + t * (at(c, i) + t * at(d, i)))),
+        slope: from_fn(|i| at(b, i) + t * (at(c, i) * 2.0 + t * (at(d, i) * 3.0))),
+    }
+}
+
+/// What the coupled law says at one deflection.
+#[derive(Debug, Clone, Copy)]
+pub struct Coupled<T> {
+    /// W, J.
+    pub energy: T,
+    /// f_z = ∂W/∂δz, N.
+    pub normal: T,
+    /// ∂W/∂ξ, N.
+    pub lateral: [T; 2],
+}
+
+/// The monomials of ξ that a potential sums, as [`Monomials`] puts them beyond the range.
+#[derive(Debug, Clone, Copy)]
+pub struct Monomials<T> {
+    /// ξ.
+    pub xi: [T; 2],
+    /// ½ξ₁², ξ₁ξ₂, ½ξ₂².
+    pub quadratic: [T; 3],
+    /// s (ξ₁³, ξ₁²ξ₂, ξ₁ξ₂², ξ₂³).
+    pub cubic: [T; 4],
+    /// q.
+    pub quartic: T,
+    /// s, s'/|ξ| and q'/|ξ|.
+    scale: [T; 3],
+}
+
+impl<T: Number> Monomials<T> {
+    /// At ξ (m), for a law that was found up to |ξ| = `range` (m).
+    ///
+    /// Beyond its range a potential goes on along each ray by its second-order expansion at the rim, which is conservative, C2, and
+    /// as convex along the ray as at the rim. Linear and quadratic terms are their own expansions; with k = min(1, R/r) the
+    /// cubic ones are to be taken times s = 1 − (1 − k)³, and r⁴ goes over to q = r⁴ k² (6 − 8k + 3k²).
+    #[inline(always)]
+    pub fn new([x, y]: [T; 2], range: f64) -> Self {
+        let (xx, xy, yy) = (x * x, x * y, y * y);
+        let r2 = xx + yy;
+        // r, or R where that is greater.
+        let far2 = r2.at_least(range * range);
+        let per = far2.sqrt().recip();
+        let k = per * range;
+        let (short, k2) = (-k + 1.0, k * k);
+        let short2 = short * short;
+        let s = -(short * short2) + 1.0;
+        let ds = short2 * k * (per * per) * -3.0;
+        // r² k² is r² within the range and R² beyond.
+        let inner = r2 * k2;
+        let q = r2 * inner * (k2 * 3.0 - k * 8.0 + 6.0);
+        let dq = inner * (-(k * 8.0) + 12.0);
+        Monomials {
+            xi: [x, y],
+            quadratic: [xx * 0.5, xy, yy * 0.5],
+            cubic: [xx * x * s, xx * y * s, yy * x * s, yy * y * s],
+            quartic: q,
+            scale: [s, ds, dq],
+        }
+    }
+
+    /// Σ quantity × monomial, of all but μ.
+    #[inline(always)]
+    fn sum(&self, [f, b1, b2, k1, k2, k3, c1, c2, c3, c4, q, _]: [T; QUANTITIES]) -> T {
+        let ([x, y], [u, v, w], [a, b, c, d]) = (self.xi, self.quadratic, self.cubic);
+        f + (b1 * x + b2 * y)
+            + (k1 * u + k2 * v + k3 * w)
+            + (c1 * a + c2 * b + (c3 * c + c4 * d))
+            + q * self.quartic
+    }
+}
+
+/// The coupled law with these quantities at these monomials.
+#[inline(always)]
+pub fn coupled<T: Number>(at: &AtDepth<T>, m: &Monomials<T>) -> Coupled<T> {
+    let [_, b1, b2, k1, k2, k3, c1, c2, c3, c4, q, _] = at.value;
+    let ([x, y], [u, v, w], [s, ds, dq]) = (m.xi, m.quadratic, m.scale);
+    // ∂(s C)/∂ξ = s C' + C s'/r ξ.
+    let c = c1 * (u * x) * 2.0 + c2 * (u * y) * 2.0 + (c3 * (w * x) * 2.0 + c4 * (w * y) * 2.0);
+    let radial = c * ds + q * dq;
+    let cx = c1 * u * 6.0 + c2 * v * 2.0 + c3 * w * 2.0;
+    let cy = c2 * u * 2.0 + c3 * v * 2.0 + c4 * w * 6.0;
+    Coupled {
+        energy: m.sum(at.value),
+        normal: m.sum(at.slope),
+        lateral: [
+            b1 + (k1 * x + k2 * y) + (cx * s + radial * x),
+            b2 + (k2 * x + k3 * y) + (cy * s + radial * y),
+        ],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::number::Dual;
+
+    fn unit(seed: &mut u64) -> f64 {
+        *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (*seed >> 11) as f64 / (1u64 << 53) as f64 * 2.0 - 1.0
+    }
+
+    fn row(seed: &mut u64) -> CoupledRow {
+        // Of like size at 1 mm and 1 mm.
+        let size = [1e-4, 0.1, 0.1, 1e2, 1e2, 1e2, 1e5, 1e5, 1e5, 1e5, 1e8, 0.3];
+        from_fn(|k| size.map(|s| s * unit(seed) * 1e3f64.powi(k as i32)))
+    }
+
+    /// Within and beyond the range, and on its rim.
+    fn places(seed: &mut u64) -> impl Iterator<Item = (f64, [f64; 2])> {
+        let states: Vec<_> = (0..400)
+            .map(|i| {
+                let (x, y) = (unit(seed), unit(seed));
+                let r = x.hypot(y);
+                let far = if i % 5 == 0 { 2e-3 } else { 8e-3 * unit(seed).abs() };
+                (1e-3 * unit(seed), [x / r * far, y / r * far])
+            })
+            .collect();
+        states.into_iter()
+    }
+
+    #[test]
+    fn forces_are_the_energys_gradient() {
+        let mut seed = 3;
+        for _ in 0..20 {
+            let row = row(&mut seed);
+            for (t, xi) in places(&mut seed) {
+                let energy =
+                    |t: f64, xi: [f64; 2]| coupled(&at_depth(&row, t), &Monomials::new(xi, 2e-3)).energy;
+                let law = coupled(&at_depth(&row, t), &Monomials::new(xi, 2e-3));
+                let h = 1e-7;
+                let slope = |f: &dyn Fn(f64) -> f64| (f(h) - f(-h)) / (2.0 * h);
+                let want = [
+                    slope(&|h| energy(t + h, xi)),
+                    slope(&|h| energy(t, [xi[0] + h, xi[1]])),
+                    slope(&|h| energy(t, [xi[0], xi[1] + h])),
+                ];
+                for (got, want) in [law.normal, law.lateral[0], law.lateral[1]].into_iter().zip(want) {
+                    assert!((got - want).abs() < 1e-6 * (1.0 + want.abs()), "{got} {want} at {t} {xi:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_hessian_is_symmetric_and_that_of_differences() {
+        let mut seed = 5;
+        for _ in 0..20 {
+            let row = row(&mut seed);
+            for (t, [x, y]) in places(&mut seed) {
+                let forces = |t: f64, xi| {
+                    let law = coupled(&at_depth(&row, t), &Monomials::new(xi, 2e-3));
+                    [law.normal, law.lateral[0], law.lateral[1]]
+                };
+                let var = Dual::<f64, 3>::variable;
+                let law = coupled(&at_depth(&row, var(t, 0)), &Monomials::new([var(x, 1), var(y, 2)], 2e-3));
+                let hessian = [law.normal, law.lateral[0], law.lateral[1]].map(|d| d.partials);
+                let h = 1e-8;
+                let [a, b] =
+                    [h, -h].map(|h| [forces(t + h, [x, y]), forces(t, [x + h, y]), forces(t, [x, y + h])]);
+                for i in 0..3 {
+                    for j in 0..3 {
+                        let scale = 1.0 + hessian[i][j].abs();
+                        assert!((hessian[i][j] - hessian[j][i]).abs() < 1e-9 * scale);
+                        let slope = (a[j][i] - b[j][i]) / (2.0 * h);
+                        // On the rim the third derivative jumps.
+                        assert!(
+                            (slope - hessian[i][j]).abs() < 1e-4 * (1e3 + scale),
+                            "{slope} {}",
+                            hessian[i][j]
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    /// As LAW 2 says it: the second-order expansion at the rim.
+    #[test]
+    fn beyond_the_range_a_ray_goes_on_as_a_parabola() {
+        let mut seed = 7;
+        let row = row(&mut seed);
+        let at = at_depth(&row, 4e-4);
+        for i in 0..100 {
+            let (c, s) = (libm::cos(f64::from(i)), libm::sin(f64::from(i)));
+            let along = |r: f64| coupled(&at, &Monomials::new([c * r, s * r], 2e-3));
+            let rim = along(2e-3);
+            let force = rim.lateral[0] * c + rim.lateral[1] * s;
+            let r = Dual::<f64, 1>::variable(2e-3 * (1.0 - 1e-12), 0);
+            let quantities = at.value.map(Dual::constant);
+            let at_rim = AtDepth { value: quantities, slope: quantities };
+            let [x, y] = coupled(&at_rim, &Monomials::new([r * c, r * s], 2e-3)).lateral;
+            let stiffness = x.partials[0] * c + y.partials[0] * s;
+            for far in [3e-3, 6e-3, 0.05] {
+                let d = far - 2e-3;
+                let want = rim.energy + force * d + 0.5 * stiffness * d * d;
+                let scale = rim.energy.abs() + force.abs() * d + stiffness.abs() * d * d;
+                assert!((along(far).energy - want).abs() < 1e-9 * scale, "{far}");
+            }
+        }
+    }
+}

@@ -1,0 +1,268 @@
+//! The coupled law of a body: one potential W(δz, ξ) a test point (LAW 2), and its table for the step.
+
+use crate::curve::{Curve, Extension};
+use crate::error::{BodyError, Result};
+use crate::law::{AtDepth, Coupled, CoupledRow, Monomials, QUANTITIES, at_depth, coupled};
+use crate::response::Knots;
+use glam::DVec3;
+
+/// The potential of a test point and its friction: functions of δz, which [`law`](crate::law) sums with monomials of
+/// ξ = (t₁·δ_t, t₂·δ_t).
+///
+/// So that forces are continuous where contact begins and ends, f_z must vanish with δz whatever ξ is: F and b begin with
+/// value and slope 0, K, C and Q with slope 0. So that they are continuous past the last depth, b, K, C and Q end with
+/// slope 0 and stay what they are there; F goes on with its curvature.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Potential {
+    /// t₁ and t₂: unit vectors at right angles to each other and to the test point's normal, in the body's frame.
+    pub tangents: [DVec3; 2],
+    /// F, J: the energy of a press straight in.
+    pub press: Curve,
+    /// b, N: the lateral force of a press straight in.
+    pub offset: [Curve; 2],
+    /// K₁₁, K₁₂, K₂₂, N/m: the stuck lateral stiffness.
+    pub stiffness: [Curve; 3],
+    /// C, N/m²: the coefficients of ξ₁³, ξ₁²ξ₂, ξ₁ξ₂², ξ₂³.
+    pub cubic: [Curve; 4],
+    /// Q, N/m³.
+    pub quartic: Curve,
+    /// μ(δz) ≥ 0.
+    pub friction: Curve,
+}
+
+/// The coupled law of a body.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CoupledLaw {
+    /// Up to which |ξ| the potentials were found, m; see [`Monomials::new`] for how they go on.
+    pub range_m: f64,
+    /// One for each test point, all on the same knots.
+    pub potentials: Vec<Potential>,
+}
+
+impl Potential {
+    /// Its curves in the order of the law's quantities.
+    pub fn curves(&self) -> [&Curve; QUANTITIES] {
+        let ([b1, b2], [k1, k2, k3], [c1, c2, c3, c4]) = (&self.offset, &self.stiffness, &self.cubic);
+        [&self.press, b1, b2, k1, k2, k3, c1, c2, c3, c4, &self.quartic, &self.friction]
+    }
+
+    /// W, f_z and ∂W/∂ξ at a depth and a lateral deflection in its tangents, m. Not for the step.
+    pub fn at(&self, depth: f64, xi: [f64; 2], range_m: f64) -> Coupled<f64> {
+        let curves = self.curves();
+        let value = curves.map(|c| c.value(depth));
+        let slope = curves.map(|c| if depth < 0.0 { 0.0 } else { c.slope(depth) });
+        coupled(&AtDepth { value, slope }, &Monomials::new(xi, range_m))
+    }
+}
+
+/// How a check of a potential went: what is wrong, and how to mend it.
+type Checked = std::result::Result<(), (String, &'static str)>;
+
+impl Potential {
+    fn check(&self, inward: DVec3, _range_m: f64) -> Checked {
+        let [t1, t2] = self.tangents;
+        let off = (t1.length() - 1.0).abs().max((t2.length() - 1.0).abs());
+        let off = off.max(t1.dot(t2).abs()).max(t1.dot(inward).abs()).max(t2.dot(inward).abs());
+        if !(off < 1e-9) {
+            return Err((
+                format!("its tangents are {off:.1e} off unit vectors in the tangent plane"),
+                "normalise them",
+            ));
+        }
+        for (i, (curve, extension)) in self.curves().into_iter().zip(EXTENSIONS).enumerate() {
+            if curve.knots() != self.press.knots() || curve.extension() != extension {
+                return Err((
+                    format!("curve {i} is on other knots or goes on wrongly"),
+                    "bring all onto the same knots",
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The potentials laid out for the step.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Potentials {
+    /// (test points × depth knots)
+    rows: Vec<CoupledRow>,
+    /// (test points)
+    tangents: Vec<[DVec3; 2]>,
+    columns: usize,
+    range_m: f64,
+}
+
+/// One test point's potential in one interval of δz.
+#[derive(Debug, Clone, Copy)]
+pub struct PotentialAt<'a> {
+    /// The interval's powers.
+    pub row: &'a CoupledRow,
+    /// t₁ and t₂.
+    pub tangents: &'a [DVec3; 2],
+}
+
+const NO_ROW: CoupledRow = [[0.0; QUANTITIES]; 4];
+const NO_TANGENTS: [DVec3; 2] = [DVec3::ZERO; 2];
+
+impl Potentials {
+    /// Lays out a law.
+    ///
+    /// # Errors
+    /// What [`Potential`] promises and one does not keep; the place names the test point.
+    pub fn new(law: &CoupledLaw) -> Result<(Knots, Self)> {
+        let Some(first) = law.potentials.first() else {
+            return Err(BodyError::invalid("potentials", "there is no test point", "give at least one"));
+        };
+        let knots = Knots::new(first.press.knots())?;
+        let columns = knots.values().len();
+        let mut table = Potentials { columns, range_m: law.range_m, ..Potentials::default() };
+        for potential in &law.potentials {
+            let pieces = potential.curves().map(Curve::pieces);
+            table.rows.extend((0..columns).map(|i| {
+                let mut row = NO_ROW;
+                for (q, pieces) in pieces.iter().enumerate() {
+                    for (power, c) in pieces[i].coefficients.into_iter().enumerate() {
+                        row[power][q] = c;
+                    }
+                }
+                row
+            }));
+            table.tangents.push(potential.tangents);
+        }
+        Ok((knots, table))
+    }
+
+    /// Whether there are none: the body's law is the decoupled one.
+    #[inline]
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    /// How many test points there are.
+    pub fn len(&self) -> usize {
+        self.tangents.len()
+    }
+
+    /// Up to which |ξ| the potentials were found, m.
+    #[inline]
+    pub fn range_m(&self) -> f64 {
+        self.range_m
+    }
+
+    /// A test point's potential in an interval of the depth knots.
+    ///
+    /// # Real-time
+    /// O(1), never panics: a test point that does not exist answers nothing.
+    #[inline]
+    pub fn at(&self, point: u32, interval: usize) -> PotentialAt<'_> {
+        PotentialAt {
+            row: self.rows.get(point as usize * self.columns + interval).unwrap_or(&NO_ROW),
+            tangents: self.tangents.get(point as usize).unwrap_or(&NO_TANGENTS),
+        }
+    }
+
+    /// Where the row of an interval is in a table of the same knots.
+    #[inline]
+    pub(crate) fn row(&self, point: usize, interval: usize) -> usize {
+        point * self.columns + interval
+    }
+
+    /// The range alone.
+    pub(crate) fn without_points(&self) -> Self {
+        Potentials { columns: self.columns, range_m: self.range_m, ..Potentials::default() }
+    }
+
+    /// Becomes a copy of these test points of `from`.
+    pub(crate) fn copy(&mut self, from: &Potentials, points: &[u32]) {
+        self.rows.clear();
+        self.tangents.clear();
+        if from.is_empty() {
+            return;
+        }
+        for point in points.iter().map(|&p| p as usize) {
+            self.rows.extend_from_slice(&from.rows[point * from.columns..(point + 1) * from.columns]);
+            self.tangents.push(from.tangents[point]);
+        }
+    }
+
+    /// Bytes that a step may read.
+    pub(crate) fn memory(&self) -> [&[u8]; 2] {
+        [bytemuck::cast_slice(&self.rows), bytemuck::cast_slice(&self.tangents)]
+    }
+}
+
+impl PotentialAt<'_> {
+    /// ξ of a lateral deflection.
+    #[inline(always)]
+    pub fn xi(&self, tangential: DVec3) -> [f64; 2] {
+        self.tangents.map(|t| t.dot(tangential))
+    }
+
+    /// The law at the distance `t` from the interval's knot, with μ.
+    #[inline(always)]
+    pub fn law(&self, t: f64, tangential: DVec3, range_m: f64) -> (Coupled<f64>, f64) {
+        let at = at_depth(self.row, t);
+        (coupled(&at, &Monomials::new(self.xi(tangential), range_m)), at.value[QUANTITIES - 1])
+    }
+
+    /// Powers of its quantities but μ, of a deflection ξ in other tangents: K and C as they look there.
+    pub(crate) fn seen_from(&self, tangents: &[DVec3; 2]) -> CoupledRow {
+        // ξ = M η for η in the other tangents.
+        let [[a, b], [c, d]] = self.tangents.map(|t| tangents.map(|s| t.dot(s)));
+        self.row.map(|[f, b1, b2, k1, k2, k3, c1, c2, c3, c4, q, mu]| {
+            [
+                f,
+                a * b1 + c * b2,
+                b * b1 + d * b2,
+                a * a * k1 + 2.0 * a * c * k2 + c * c * k3,
+                a * b * k1 + (a * d + b * c) * k2 + c * d * k3,
+                b * b * k1 + 2.0 * b * d * k2 + d * d * k3,
+                a * a * a * c1 + a * a * c * c2 + a * c * c * c3 + c * c * c * c4,
+                3.0 * a * a * b * c1
+                    + (a * a * d + 2.0 * a * b * c) * c2
+                    + (b * c * c + 2.0 * a * c * d) * c3
+                    + 3.0 * c * c * d * c4,
+                3.0 * a * b * b * c1
+                    + (b * b * c + 2.0 * a * b * d) * c2
+                    + (a * d * d + 2.0 * b * c * d) * c3
+                    + 3.0 * c * d * d * c4,
+                b * b * b * c1 + b * b * d * c2 + b * d * d * c3 + d * d * d * c4,
+                q,
+                mu,
+            ]
+        })
+    }
+}
+
+impl CoupledLaw {
+    /// What every test point promises; `inward` are the normals there.
+    pub(crate) fn check(&self, inward: &[DVec3]) -> Result<()> {
+        if !(self.range_m > 1e-9 && self.range_m < 1.0) {
+            let problem = format!("the potentials' lateral range is {} m", self.range_m);
+            return Err(BodyError::invalid("law", problem, "give a length between 1e-9 and 1 m"));
+        }
+        for (t, (potential, u)) in self.potentials.iter().zip(inward).enumerate() {
+            potential
+                .check(*u, self.range_m)
+                .map_err(|(problem, hint)| BodyError::invalid(format!("test point {t}"), problem, hint))?;
+        }
+        Ok(())
+    }
+
+    /// How many test points there are.
+    pub fn len(&self) -> usize {
+        self.potentials.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.potentials.is_empty()
+    }
+}
+
+/// How each of a potential's curves goes on past the last knot.
+pub(crate) const EXTENSIONS: [Extension; QUANTITIES] = {
+    let mut all = [Extension::Constant; QUANTITIES];
+    all[0] = Extension::Quadratic;
+    all
+};
