@@ -13,7 +13,7 @@
 use crate::field::{Field, Site};
 use crate::lateral::Lateral;
 use glam::{DVec3, Vec3A};
-use palpate_body::{ContactModel, Known, Node};
+use palpate_body::{ContactModel, DecoupledEnergies, Known, Node};
 
 /// A drive, to be brought within the friction limit.
 #[derive(Debug, Clone, Copy)]
@@ -167,10 +167,11 @@ fn reaction<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> DVec3 {
     if site.law.interpolates_responses() {
         let strain = site.strain(f);
         let known = site.shared().map_or(Known::NONE, |points| strain.known(points));
+        let energies = DecoupledEnergies { strain, known };
         let (deflection, half) = (site.stretch.deflection(f), 0.5 * site.stretch.gain(f));
         let (single, nodes) = (u.as_vec3a(), site.nodes);
         let one = |number: u32, node: &Node| {
-            let mut gradient = gradients.energy(number, node.test_points[0], &strain, &known);
+            let mut gradient = gradients.energy(number, node.test_points[0], &energies);
             if !L::ISOTROPIC {
                 gradient += gradients.tensor(number, deflection) * half as f32;
             }
