@@ -60,8 +60,8 @@ pub use gradient::{CoupledEnergies, DecoupledEnergies, Gradients, Known, Most, P
 pub use model::ContactModel;
 pub use number::{Dual, Number};
 pub use patch::Patch;
-pub use potential::{CoupledLaw, Potential, Potentials};
-pub use response::{Response, Responses, Rows, Sample, Strain};
+pub use potential::{CoupledLaw, Potential, PotentialAt, Potentials};
+pub use response::{Interval, Response, Responses, Rows, Sample, Strain};
 pub use search::{MeshSearch, Nearest, SurfacePoint, Touch};
 pub use source::{BodySource, Extent};
 pub use stored::StoredBody;

@@ -67,27 +67,76 @@ impl Knots {
     }
 }
 
+/// One of the knots' intervals.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Interval {
+    /// Which.
+    pub index: usize,
+    /// Its knot, m: where distances are counted from.
+    pub knot: f64,
+    /// From where to where it holds, m.
+    low: f64,
+    high: f64,
+}
+
+impl Interval {
+    /// One that holds nowhere.
+    pub const NONE: Self = Interval { index: 0, knot: 0.0, low: f64::INFINITY, high: f64::INFINITY };
+
+    /// Whether a deflection lies in it.
+    #[inline]
+    pub fn holds(&self, x: f64) -> bool {
+        self.low <= x && x < self.high
+    }
+
+    /// Distance of a deflection from the knot; none below zero.
+    #[inline]
+    pub fn distance(&self, x: f64) -> f64 {
+        (x - self.knot).max(0.0)
+    }
+}
+
+impl Knots {
+    /// The interval that holds `x`: the last is the extension, and the first holds what lies below zero.
+    ///
+    /// # Real-time
+    /// O(1), never panics.
+    #[inline]
+    pub fn interval(&self, x: f64) -> Interval {
+        let index = self.locate(x);
+        let knot = self.knots.get(index).copied().unwrap_or(0.0);
+        Interval {
+            index,
+            knot,
+            low: if index == 0 { f64::NEG_INFINITY } else { knot },
+            high: self.knots.get(index + 1).copied().unwrap_or(f64::INFINITY),
+        }
+    }
+}
+
 /// One interval of the curves of three test points: what (5) mixes while the deflection stays in it.
 #[derive(Debug, Clone, Copy)]
 pub struct Rows<'a, const N: usize> {
     /// Which of the knots' intervals.
-    pub(crate) interval: usize,
-    /// The interval's knot, and from where to where it holds, m.
-    knot: f64,
-    low: f64,
-    high: f64,
+    pub(crate) interval: Interval,
+    points: [u32; 3],
     rows: [&'a [f64; N]; 3],
 }
 
 impl<const N: usize> Rows<'_, N> {
     /// Rows that hold nowhere: to be looked up before the first mix.
-    pub const NONE: Self =
-        Rows { interval: 0, knot: 0.0, low: f64::INFINITY, high: f64::INFINITY, rows: [&[0.0; N]; 3] };
+    pub const NONE: Self = Rows { interval: Interval::NONE, points: [u32::MAX; 3], rows: [&[0.0; N]; 3] };
+
+    /// Whose they are, once they were looked up.
+    #[inline]
+    pub fn points(&self) -> Option<[u32; 3]> {
+        (self.points != [u32::MAX; 3]).then_some(self.points)
+    }
 
     /// Whether a deflection lies in this interval.
     #[inline]
     pub fn hold(&self, deflection: f64) -> bool {
-        self.low <= deflection && deflection < self.high
+        self.interval.holds(deflection)
     }
 
     /// Σ weight × row: the mixed interval.
@@ -100,7 +149,7 @@ impl<const N: usize> Rows<'_, N> {
     /// Distance of a deflection from the knot; none below zero.
     #[inline]
     pub fn distance(&self, deflection: f64) -> f64 {
-        (deflection - self.knot).max(0.0)
+        self.interval.distance(deflection)
     }
 }
 
@@ -214,8 +263,8 @@ impl Responses {
             (powers(rows.0.distance(depth)), powers(rows.1.distance(lateral)));
         Strain {
             responses: self,
-            depth_interval: rows.0.interval,
-            lateral_interval: rows.1.interval,
+            depth_interval: rows.0.interval.index,
+            lateral_interval: rows.1.interval.index,
             depth_powers,
             lateral_powers,
         }
@@ -324,16 +373,10 @@ impl Strain<'_> {
 
 #[inline]
 fn rows<'a, const N: usize>(knots: &Knots, table: &'a [[f64; N]], points: [u32; 3], x: f64) -> Rows<'a, N> {
-    let interval = knots.locate(x);
-    let knot = knots.knots.get(interval).copied().unwrap_or(0.0);
+    let interval = knots.interval(x);
     let columns = knots.knots.len();
-    Rows {
-        interval,
-        knot,
-        low: if interval == 0 { f64::NEG_INFINITY } else { knot },
-        high: knots.knots.get(interval + 1).copied().unwrap_or(f64::INFINITY),
-        rows: points.map(|point| table.get(point as usize * columns + interval).unwrap_or(&[0.0; N])),
-    }
+    let row = |point: u32| table.get(point as usize * columns + interval.index).unwrap_or(&[0.0; N]);
+    Rows { interval, points, rows: points.map(row) }
 }
 
 impl Sample {

@@ -1,8 +1,9 @@
 //! One contact: the step and its stages (MODEL 3).
 
+use crate::decoupled::{Isotropic, Stretch};
 use crate::drive::{Consistent, Exact, Paper, Rule};
 use crate::field::{Ablation, Field, Law, Site};
-use crate::lateral::{Isotropic, Lateral, Stretch};
+use crate::lateral::Lateral;
 use crate::output::{ContactPoint, Counters, Flags, Ledger, Output, ToolPose};
 use crate::sensitivity;
 use crate::slip::{self, End, Pace};

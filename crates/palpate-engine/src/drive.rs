@@ -13,7 +13,7 @@
 use crate::field::{Field, Site};
 use crate::lateral::Lateral;
 use glam::{DVec3, Vec3A};
-use palpate_body::{ContactModel, DecoupledEnergies, Known, Node};
+use palpate_body::{ContactModel, Node};
 
 /// A drive, to be brought within the friction limit.
 #[derive(Debug, Clone, Copy)]
@@ -136,9 +136,8 @@ fn greatest<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> f64 {
     if site.law.interpolates_responses() {
         // Each node's is beyond its own share of W, n_l W_l ≤ W.
         sum += f64::from(a.energy.max(b.energy).max(c.energy)) * f.energy;
-        if !L::ISOTROPIC {
-            let square = site.stretch.deflection(f).length_squared();
-            sum += mixed(a.tensor, b.tensor, c.tensor) * 0.5 * site.stretch.gain(f) * square;
+        if let Some((deflection, half)) = site.stretch.tensor_gradient(f) {
+            sum += mixed(a.tensor, b.tensor, c.tensor) * half * deflection.length_squared();
         }
         // What turning it from the nodes' planes into c's may add.
         sum *= 1.1;
@@ -165,14 +164,12 @@ fn reaction<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> DVec3 {
     let u = f.u();
     let mut sum = Vec3A::ZERO;
     if site.law.interpolates_responses() {
-        let strain = site.strain(f);
-        let known = site.shared().map_or(Known::NONE, |points| strain.known(points));
-        let energies = DecoupledEnergies { strain, known };
-        let (deflection, half) = (site.stretch.deflection(f), 0.5 * site.stretch.gain(f));
+        let energies = site.stretch.energies(&site.coefficients, site.body, f);
+        let tensors = site.stretch.tensor_gradient(f);
         let (single, nodes) = (u.as_vec3a(), site.nodes);
         let one = |number: u32, node: &Node| {
             let mut gradient = gradients.energy(number, node.test_points[0], &energies);
-            if !L::ISOTROPIC {
+            if let Some((deflection, half)) = tensors {
                 gradient += gradients.tensor(number, deflection) * half as f32;
             }
             // Turned from the node's plane into c's without losing length, up to the fourth order.
@@ -193,17 +190,7 @@ fn reaction<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> DVec3 {
 pub(crate) fn exact<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> DVec3 {
     let mut share = [0.0; 3];
     if site.law.interpolates_responses() {
-        let strain = site.strain(f);
-        share = site.nodes.map(|node| {
-            let [a, b, c] = node.test_points.map(|t| strain.energy(t));
-            let [x, y, z] = node.weights;
-            x * a + y * b + z * c
-        });
-        if !L::ISOTROPIC {
-            let half = 0.5 * site.stretch.gain(f);
-            let squares = site.squares(f);
-            share = [0, 1, 2].map(|l: usize| pick(share, l) + half * pick(squares, l));
-        }
+        share = site.stretch.node_energies(&site.coefficients, site.body, site.nodes, f);
     }
     if site.law.interpolates_frames() {
         let b = site.leverage(n, f) * (1.0 / f.frame_length);
@@ -228,8 +215,8 @@ fn pick(of: [f64; 3], i: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::decoupled::{Isotropic, Stretch};
     use crate::field::{Ablation, Law};
-    use crate::lateral::{Isotropic, Stretch};
     use crate::sensitivity::tests::{ball, chance};
     use palpate_body::{Body, NodeMix, SurfacePoint};
 

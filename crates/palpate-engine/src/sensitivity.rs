@@ -1,8 +1,9 @@
 //! How fast the force can change: the Lipschitz bound of MODEL 5 at one state, for measuring clicks against.
 
+use crate::decoupled::{Isotropic, Stretch};
 use crate::drive::{Consistent, Exact, Rule};
 use crate::field::{Law, Site};
-use crate::lateral::{Isotropic, Lateral, NO_DIRECTION, Stretch};
+use crate::lateral::{Lateral, NO_DIRECTION};
 use crate::walk::Rates;
 use glam::DVec3;
 use palpate_body::{ContactModel, SlipRule, SurfacePoint};

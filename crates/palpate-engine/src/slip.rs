@@ -197,7 +197,7 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
     #[inline(always)]
     fn aim(&self) -> DVec3 {
         if R::LATERAL {
-            self.site.stretch.aim(self.field)
+            self.site.aim(self.field)
         } else {
             self.site.lead(self.at.n, self.field, &self.drive)
         }

@@ -1,9 +1,10 @@
 //! The formulas against finite differences of the engine's own energy and drive, and bounds against states.
 
 use super::*;
+use crate::decoupled::{Isotropic, Stretch};
 use crate::drive::{Consistent, Exact, Rule};
 use crate::field::{Ablation, Law, Site};
-use crate::lateral::{Isotropic, Lateral, Stretch};
+use crate::lateral::Lateral;
 use crate::sensitivity;
 use crate::sensitivity::tests::{ball, chance};
 use glam::DVec3;
