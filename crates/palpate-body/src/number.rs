@@ -97,7 +97,8 @@ impl<T: Number, const N: usize> Mul for Dual<T, N> {
     #[inline]
     fn mul(self, other: Self) -> Self {
         let (x, y) = (self.value, other.value);
-        self.zip(other, x * y, |dx, dy| dx * y + x * dy)
+        let product_rule = |dx: T, dy: T| Add::add(dx * y, x * dy);
+        self.zip(other, x * y, product_rule)
     }
 }
 

@@ -63,7 +63,7 @@ impl Potential {
         let [t1, t2] = self.tangents;
         let off = (t1.length() - 1.0).abs().max((t2.length() - 1.0).abs());
         let off = off.max(t1.dot(t2).abs()).max(t1.dot(inward).abs()).max(t2.dot(inward).abs());
-        if !(off < 1e-9) {
+        if off.is_nan() || off > 1e-9 {
             return Err((
                 format!("its tangents are {off:.1e} off unit vectors in the tangent plane"),
                 "normalise them",

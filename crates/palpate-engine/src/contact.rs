@@ -1,5 +1,6 @@
 //! One contact: the step and its stages (MODEL 3).
 
+use crate::coupled::Coupled;
 use crate::decoupled::{Isotropic, Stretch};
 use crate::drive::{Consistent, Exact, Paper, Rule};
 use crate::field::{Ablation, Field, Law, Site};
@@ -143,6 +144,13 @@ impl Contact {
     /// Bounded; never allocates, locks, logs, reads a clock or a file, or panics. In free space it costs a distance
     /// comparison until the tip has used up the clearance that the last query found.
     pub fn step(&mut self, body: &ContactModel, pose: &ToolPose) -> Output {
+        if body.is_coupled() {
+            return match self.rule {
+                SlipRule::Consistent => self.step_as::<Coupled, Consistent>(body, pose),
+                SlipRule::Exact => self.step_as::<Coupled, Exact>(body, pose),
+                _ => self.step_as::<Coupled, Paper>(body, pose),
+            };
+        }
         match (self.rule, body.is_isotropic()) {
             (SlipRule::Consistent, true) => self.step_as::<Isotropic, Consistent>(body, pose),
             (SlipRule::Consistent, false) => self.step_as::<Stretch, Consistent>(body, pose),

@@ -215,16 +215,24 @@ fn pick(of: [f64; 3], i: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::coupled::Coupled;
     use crate::decoupled::{Isotropic, Stretch};
     use crate::field::{Ablation, Law};
-    use crate::sensitivity::tests::{ball, chance};
+    use crate::sensitivity::tests::{ball, chance, coupled_ball};
     use palpate_body::{Body, NodeMix, SurfacePoint};
 
-    /// The ball, and the same with nodes that mix three neighbours' curves, or fade.
     fn bodies(ratio: f64) -> Vec<Body> {
-        let own = ball(ratio);
+        own_and_mixed(ball(ratio))
+    }
+
+    fn coupled_bodies() -> Vec<Body> {
+        own_and_mixed(coupled_ball())
+    }
+
+    /// A body, and the same with nodes that mix three neighbours' responses.
+    fn own_and_mixed(own: Body) -> Vec<Body> {
         let mut mixed = own.parts();
-        let count = mixed.responses.len() as u32;
+        let count = mixed.test_point_nodes.len() as u32;
         for (n, mix) in mixed.mixes.iter_mut().enumerate() {
             let n = n as u32;
             *mix = match n % 3 {
@@ -248,13 +256,13 @@ mod tests {
         slopes::<Isotropic>(&bodies(1.0));
         slopes::<Stretch>(&bodies(3.0));
         slopes::<Stretch>(&bodies(30.0));
+        slopes::<Coupled>(&coupled_bodies());
     }
 
     fn slopes<L: Lateral>(bodies: &[Body]) {
         let mut unit = chance(11);
         for case in 0..1000 {
             let body = &bodies[case % bodies.len()];
-            assert_eq!(body.is_isotropic(), L::ISOTROPIC);
             let ablation = [Ablation::None, Ablation::Coordinates, Ablation::Responses, Ablation::Both];
             let law = Law { ablation: ablation[case / 2 % 4], radius_m: 2e-3 };
             let element = (unit() * body.elements().len() as f64) as u32;
@@ -283,6 +291,7 @@ mod tests {
     fn the_consistent_drive_is_continuous_over_edges() {
         continuity::<Isotropic>(&bodies(1.0));
         continuity::<Stretch>(&bodies(3.0));
+        continuity::<Coupled>(&coupled_bodies());
     }
 
     fn continuity<L: Lateral>(bodies: &[Body]) {

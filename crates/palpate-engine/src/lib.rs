@@ -28,6 +28,7 @@
 
 pub mod certify;
 mod contact;
+mod coupled;
 mod decoupled;
 mod drive;
 mod field;

@@ -1,7 +1,8 @@
 //! How fast the force can change: the Lipschitz bound of MODEL 5 at one state, for measuring clicks against.
 
+use crate::coupled::Coupled;
 use crate::decoupled::{Isotropic, Stretch};
-use crate::drive::{Consistent, Exact, Rule};
+use crate::drive::{Consistent, Exact, Paper, Rule};
 use crate::field::{Law, Site};
 use crate::lateral::{Lateral, NO_DIRECTION};
 use crate::walk::Rates;
@@ -20,6 +21,14 @@ pub(crate) fn lipschitz(
     at: SurfacePoint,
     tip: DVec3,
 ) -> Option<f64> {
+    if body.is_coupled() {
+        let site = Site::<Coupled>::new(body, law, at.element);
+        return match rule {
+            SlipRule::Consistent => measured::<_, Consistent>(site, at, tip),
+            SlipRule::Exact => measured::<_, Exact>(site, at, tip),
+            _ => measured::<_, Paper>(site, at, tip),
+        };
+    }
     match (rule, body.is_isotropic()) {
         (SlipRule::Consistent, true) => {
             measured::<_, Consistent>(Site::<Isotropic>::new(body, law, at.element), at, tip)
@@ -145,6 +154,43 @@ pub(crate) mod tests {
         .unwrap()
     }
 
+    /// The ball with a coupled law: potentials that differ from node to node, found up to 2 mm aside.
+    pub(crate) fn coupled_ball() -> Body {
+        let mut parts = ball(1.0).parts();
+        let at = parts.surface.positions().iter().zip(parts.surface.inward_normals()).enumerate();
+        let potential = |(n, (p, u)): (usize, (&DVec3, &DVec3))| {
+            let knots = [0.0, 1e-3, 3e-3, 8e-3];
+            let curve = |values: [f64; 4], slopes: [f64; 4], extension| {
+                palpate_body::Curve::hermite(&knots, &values, &slopes, extension).unwrap()
+            };
+            let wave = |k: f64| 1.0 + 0.4 * libm::sin(k * n as f64) + 5.0 * p.x;
+            // From 0 or from a share of itself to its full size, slopes 0 at both ends.
+            let ramp = |start: f64, size: f64, k: f64| {
+                let size = size * wave(k);
+                let [a, b] = [start + 0.3 * (1.0 - start), start + 0.8 * (1.0 - start)];
+                let slopes = [0.0, 200.0, 100.0, 0.0].map(|s| s * (1.0 - start) * size);
+                let flat = palpate_body::Extension::Constant;
+                curve([start, a, b, 1.0].map(|s| s * size), slopes, flat)
+            };
+            let k = 6e4 * wave(1.0);
+            let press = |d: f64| k * d * d * d / 3.0;
+            let t1 = u.any_orthonormal_vector();
+            palpate_body::Potential {
+                tangents: [t1, u.cross(t1)],
+                press: curve(knots.map(press), knots.map(|d| k * d * d), palpate_body::Extension::Quadratic),
+                offset: [ramp(0.0, 0.2, 2.0), ramp(0.0, -0.1, 3.0)],
+                stiffness: [ramp(0.4, 500.0, 4.0), ramp(0.2, 100.0, 5.0), ramp(0.4, 700.0, 6.0)],
+                cubic: [1.0, -0.5, 0.7, 0.3].map(|c| ramp(0.3, 1e4 * c, 7.0 + c)),
+                quartic: ramp(0.5, 1e7, 8.0),
+                friction: curve([0.2 + p.y; 4], [0.0; 4], palpate_body::Extension::Constant),
+            }
+        };
+        parts.coupled =
+            Some(palpate_body::CoupledLaw { range_m: 2e-3, potentials: at.map(potential).collect() });
+        (parts.responses, parts.lateral_tensors) = (Vec::new(), None);
+        Body::new(parts).unwrap()
+    }
+
     #[test]
     fn differences_give_the_closed_form() {
         for (body, isotropic) in [(ball(1.0), true), (ball(4.0), false)] {
@@ -182,6 +228,7 @@ pub(crate) mod tests {
     fn derivatives_are_those_of_finite_differences() {
         compare::<Isotropic>(&[1.0].map(ball));
         compare::<Stretch>(&[3.0, 60.0].map(ball));
+        compare::<Coupled>(&[coupled_ball()]);
     }
 
     fn compare<L: Lateral>(bodies: &[Body]) {
@@ -199,7 +246,6 @@ pub(crate) mod tests {
             let aside = DVec3::new(unit() - 0.5, unit() - 0.5, unit() - 0.5) * 3e-3;
             let tip = c + u * (1e-3 * unit() - 1e-3) + (aside - u * aside.dot(u));
             let f = site.evaluate(n, tip);
-            assert_eq!(body.is_isotropic(), L::ISOTROPIC);
             if f.lateral < 3e-4 {
                 continue;
             }
@@ -222,7 +268,9 @@ pub(crate) mod tests {
             let f = site.evaluate(n, tip);
             let drift = site.drift(n, &f, v);
             assert!(
-                (pull_gradient.length() - drift.pull_gradient).abs() < 1e-5 * (1.0 + drift.pull_gradient)
+                L::COUPLED
+                    || (pull_gradient.length() - drift.pull_gradient).abs()
+                        < 1e-5 * (1.0 + drift.pull_gradient)
             );
             let bound = drift.lateral_stiffness.max(drift.normal_slope);
             for _ in 0..4 {
@@ -232,7 +280,7 @@ pub(crate) mod tests {
             }
             // Which is what moving along it meets, but for the direction's turning.
             let change = stiffness[0] * f.u_t.x + stiffness[1] * f.u_t.y + stiffness[2] * f.u_t.z;
-            assert!(change.dot(f.u_t) > 0.999 * f.pull_slope);
+            assert!(L::COUPLED || change.dot(f.u_t) > 0.999 * f.pull_slope);
 
             // Along the surface.
             let rates = site.rates(v).each();

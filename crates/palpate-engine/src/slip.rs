@@ -218,7 +218,7 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
         let energy = self.field.energy;
         let mut excess = first;
         // The paper's rule has the scalar secant alone.
-        let (bent, mut answer) = (L::ISOTROPIC && !R::LATERAL, Answer::new(ease));
+        let (bent, mut answer) = (L::COUPLED || (L::ISOTROPIC && !R::LATERAL), Answer::new(ease));
         let mut residual = self.drive.along * first;
         while self.evaluations > 0 && believable(ease) && excess * ease <= farthest {
             let way = excess * ease;

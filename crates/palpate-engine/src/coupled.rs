@@ -1,0 +1,297 @@
+//! The coupled law: one potential W(δz, δ_t) a test point (LAW 2).
+//!
+//! W = Σ w_j W_j(δz, ξ_j), ξ_j the one deflection δ_t in the tangents of test point j; the weights are the nodes' mixes,
+//! mixed once more by the area coordinates. So f_z = Σ w_j ∂W_j/∂δz and p = Σ w_j ∂W_j/∂δ_t, in the body's frame, need no
+//! transport from one test point to another.
+
+use crate::drive::Drive;
+use crate::field::{Change, Deflection, Drift, Field, Reading};
+use crate::lateral::{Lateral, NO_DIRECTION};
+use glam::{DMat3, DVec3};
+use palpate_body::law::{Monomials, QUANTITIES, at_depth, coupled};
+use palpate_body::{ContactModel, CoupledEnergies, Dual, Interval, Known, Node, PotentialAt};
+
+/// Test points that an element's nodes mix at most.
+const MOST_POINTS: usize = 9;
+
+/// The potentials of an element's test points, in the interval of δz of the moment.
+#[derive(Clone, Copy)]
+pub(crate) struct PointsOfElement<'a> {
+    /// How many there are.
+    count: usize,
+    points: [u32; MOST_POINTS],
+    /// What each weighs in each of the three nodes.
+    weights: [[f64; 3]; MOST_POINTS],
+    interval: Interval,
+    potentials: [PotentialAt<'a>; MOST_POINTS],
+}
+
+impl<'a> PointsOfElement<'a> {
+    #[inline]
+    fn of(model: &'a ContactModel, nodes: [&Node; 3]) -> Self {
+        let mut all = PointsOfElement {
+            count: 0,
+            points: [u32::MAX; MOST_POINTS],
+            weights: [[0.0; 3]; MOST_POINTS],
+            interval: Interval::NONE,
+            potentials: [model.potentials().at(u32::MAX, 0); MOST_POINTS],
+        };
+        for (l, node) in nodes.into_iter().enumerate() {
+            for (point, weight) in node.test_points.into_iter().zip(node.weights) {
+                if weight > 0.0 {
+                    all.add(point, l, weight);
+                }
+            }
+        }
+        all
+    }
+
+    #[inline]
+    fn add(&mut self, point: u32, node: usize, weight: f64) {
+        for (i, (known, weights)) in self.points.iter_mut().zip(&mut self.weights).enumerate() {
+            if i == self.count {
+                *known = point;
+                self.count += 1;
+            }
+            if *known == point {
+                if let Some(w) = weights.get_mut(node) {
+                    *w += weight;
+                }
+                return;
+            }
+        }
+    }
+
+    /// Looks the potentials up where the depth has left its interval.
+    #[inline]
+    fn look_up(&mut self, model: &'a ContactModel, depth: f64) {
+        if !self.interval.holds(depth) {
+            self.interval = model.responses().depth_knots().interval(depth);
+            let index = self.interval.index;
+            for (potential, point) in self.potentials.iter_mut().zip(self.points).take(self.count) {
+                *potential = model.potentials().at(point, index);
+            }
+        }
+    }
+
+    /// The test points with their weights in the nodes.
+    #[inline]
+    fn each(&self) -> impl Iterator<Item = (&PotentialAt<'a>, &[f64; 3])> {
+        self.potentials.iter().zip(&self.weights).take(self.count)
+    }
+}
+
+#[inline(always)]
+fn mixed(n: [f64; 3], [a, b, c]: &[f64; 3]) -> f64 {
+    n[0] * a + n[1] * b + n[2] * c
+}
+
+/// What an evaluation of the coupled law leaves.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Coupled {
+    /// δ_t, m.
+    deflection: DVec3,
+    /// p = ∂W/∂δ_t, N, in the body's frame.
+    gradient: DVec3,
+    /// ∂W/∂n_l of the nodes, J.
+    nodes: [f64; 3],
+    /// Energies of the first three test points, J.
+    first: [f64; 3],
+}
+
+impl Lateral for Coupled {
+    const ISOTROPIC: bool = false;
+    const COUPLED: bool = true;
+    type Element<'a> = PointsOfElement<'a>;
+    type Energies<'a> = CoupledEnergies<'a>;
+
+    #[inline]
+    fn element<'a>(model: &'a ContactModel, _: u32, nodes: [&'a Node; 3]) -> Self::Element<'a> {
+        PointsOfElement::of(model, nodes)
+    }
+
+    #[inline]
+    fn go_over<'a>(points: &mut Self::Element<'a>, model: &'a ContactModel, _: u32, nodes: [&'a Node; 3]) {
+        *points = PointsOfElement::of(model, nodes);
+    }
+
+    #[inline(always)]
+    fn read<'a>(
+        points: &mut Self::Element<'a>,
+        model: &'a ContactModel,
+        _: [&'a Node; 3],
+        n: [f64; 3],
+        at: &Deflection,
+    ) -> (Self, Reading) {
+        points.look_up(model, at.depth);
+        let (t, range) = (points.interval.distance(at.depth), model.potentials().range_m());
+        let (mut energy, mut normal, mut friction, mut slope) = (0.0, 0.0, 0.0, 0.0);
+        let mut left = Coupled { deflection: at.tangential, ..Coupled::default() };
+        let mut first = left.first.iter_mut();
+        for (potential, weights) in points.each() {
+            let (w, quantities) = (mixed(n, weights), at_depth(potential.row, t));
+            let law = coupled(&quantities, &Monomials::new(potential.xi(at.tangential), range));
+            let [.., q, mu] = quantities.value;
+            let [t1, t2] = potential.tangents;
+            energy += w * law.energy;
+            normal += w * law.normal;
+            friction += w * mu;
+            slope +=
+                w * (0.5 * (quantities.value[3] + quantities.value[5]) + 4.0 * q * at.lateral * at.lateral);
+            left.gradient += (*t1 * law.lateral[0] + *t2 * law.lateral[1]) * w;
+            left.nodes.iter_mut().zip(weights).for_each(|(sum, w)| *sum += w * law.energy);
+            if let Some(slot) = first.next() {
+                *slot = law.energy;
+            }
+        }
+        let f_t = at.project(left.gradient);
+        let pull = f_t.length();
+        let u_t = if pull > 0.0 { f_t * (1.0 / pull) } else { DVec3::ZERO };
+        // Where the body is dragged away from under the tool f_z can fall below zero: nothing is held then.
+        let limit = friction * normal.max(0.0);
+        (left, Reading { u_t, normal, pull, pull_slope: slope, limit, energy })
+    }
+
+    #[inline(always)]
+    fn rho(&self, f: &Field) -> f64 {
+        f.lateral
+    }
+
+    #[inline(always)]
+    fn deflection(&self, _: &Field) -> DVec3 {
+        self.deflection
+    }
+
+    #[inline(always)]
+    fn along_deflection(&self, _: &Field, v: DVec3) -> f64 {
+        self.deflection.dot(v)
+    }
+
+    #[inline(always)]
+    fn beside(&self, _: &Self::Element<'_>, _: [f64; 3], f: &Field) -> f64 {
+        f.u().dot(self.gradient)
+    }
+
+    #[inline(always)]
+    fn node_energies(&self, _: &Self::Element<'_>, _: &ContactModel, _: [&Node; 3], _: &Field) -> [f64; 3] {
+        self.nodes
+    }
+
+    #[inline(always)]
+    fn energies<'a>(
+        &self,
+        points: &Self::Element<'a>,
+        model: &'a ContactModel,
+        f: &Field,
+    ) -> CoupledEnergies<'a> {
+        let [a, b, c, ..] = points.points;
+        CoupledEnergies {
+            potentials: model.potentials(),
+            depth: (points.interval.index, points.interval.distance(f.depth)),
+            tangential: self.deflection,
+            known: Known { points: [a, b, c], energies: self.first },
+        }
+    }
+
+    #[inline(always)]
+    fn tensor_gradient(&self, _: &Field) -> Option<(DVec3, f64)> {
+        None
+    }
+
+    fn drift<'a>(
+        &self,
+        points: &mut Self::Element<'a>,
+        model: &'a ContactModel,
+        _: [&'a Node; 3],
+        f: &Field,
+        change: &Change,
+    ) -> Drift {
+        let Change { u, du, d_depth, d_tangential, v, .. } = *change;
+        points.look_up(model, f.depth);
+        let (t, range) = (points.interval.distance(f.depth), model.potentials().range_m());
+        // Derivatives by δz and by the three directions of space; and the change of what the place mixes.
+        let (mut hessian_zz, mut hessian_zt, mut hessian_tt) = (0.0, DVec3::ZERO, DMat3::ZERO);
+        let (mut mu, mut mu_slope, mut d_mu) = (0.0, 0.0, 0.0);
+        let (mut d_normal, mut d_gradient) = (0.0, DVec3::ZERO);
+        for (potential, weights) in points.each() {
+            let (w, dw) = (mixed(change.mixing, weights), mixed(change.along, weights));
+            let var = Dual::<f64, 3>::variable;
+            let [x, y] = potential.xi(self.deflection);
+            let [t1, t2] = *potential.tangents;
+            let deep = if f.depth > 0.0 { var(t, 0) } else { Dual { value: t, partials: [0.0; 3] } };
+            let quantities = at_depth(potential.row, deep);
+            let law = coupled(&quantities, &Monomials::new([var(x, 1), var(y, 2)], range));
+            let [nz, nx, ny] = law.normal.partials;
+            let [[_, xx, xy], [_, _, yy]] = law.lateral.map(|p| p.partials);
+            hessian_zz += w * nz;
+            hessian_zt += (t1 * nx + t2 * ny) * w;
+            let (a, b) = (t1 * xx + t2 * xy, t1 * xy + t2 * yy);
+            hessian_tt += (outer(t1, a) + outer(t2, b)) * w;
+            d_normal += dw * law.normal.value;
+            d_gradient += (t1 * law.lateral[0].value + t2 * law.lateral[1].value) * dw;
+            let Dual { value, partials } = quantities.value[QUANTITIES - 1];
+            (mu, mu_slope, d_mu) = (mu + w * value, mu_slope + w * partials[0], d_mu + dw * value);
+        }
+        d_normal += hessian_zz * d_depth + hessian_zt.dot(d_tangential);
+        d_gradient += hessian_zt * d_depth + hessian_tt * d_tangential;
+        let p = self.gradient;
+        let d_lateral = d_gradient - u * u.dot(d_gradient) - u * du.dot(p) - du * u.dot(p);
+        let (normal, d_pushed) = if f.normal > 0.0 { (f.normal, d_normal) } else { (0.0, 0.0) };
+        let d_limit = (mu_slope * d_depth + d_mu) * normal + mu * d_pushed;
+        // ∂f/∂x in stick: W's Hessian in û and the tangent plane. Its norm bounds both stiffnesses.
+        let across = hessian_zt - u * u.dot(hessian_zt);
+        let plane = DMat3::IDENTITY - outer(u, u);
+        let stiffness =
+            plane * hessian_tt * plane + outer(u, u) * hessian_zz + outer(u, across) + outer(across, u);
+        let greatest = greatest_eigenvalue(&stiffness);
+        let limit_slope = mu_slope * normal + mu * if f.normal > 0.0 { hessian_zz } else { 0.0 };
+        Drift {
+            force: u * d_normal + du * f.normal + d_lateral,
+            normal_slope: greatest,
+            limit_slope,
+            lateral_stiffness: greatest,
+            pull_gradient: (stiffness * f.u_t).length(),
+            eta: d_limit - d_lateral.dot(v),
+        }
+    }
+
+    #[inline(always)]
+    fn aim(&self, f: &Field) -> DVec3 {
+        f.u_t
+    }
+
+    #[inline(always)]
+    fn lead(_: &Self::Element<'_>, _: [f64; 3], _: &Field, drive: &Drive) -> DVec3 {
+        drive.along
+    }
+
+    #[inline(always)]
+    fn turned(_: &Self::Element<'_>, _: [f64; 3], _: DVec3, _: DVec3) -> f64 {
+        1.0
+    }
+}
+
+/// a bᵀ.
+fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
+}
+
+/// No less than the greatest |eigenvalue| of a symmetric matrix, and hardly more: by powers of its square.
+fn greatest_eigenvalue(m: &DMat3) -> f64 {
+    let size = |m: &DMat3| {
+        (m.x_axis.length_squared() + m.y_axis.length_squared() + m.z_axis.length_squared()).sqrt()
+    };
+    let scale = size(m);
+    if !(scale > NO_DIRECTION && scale.is_finite()) {
+        return scale;
+    }
+    // |m|³² by five squarings: the Frobenius norm exceeds the spectral one by a factor of 3^(1/64) at most.
+    let (mut power, mut factor) = (*m * (1.0 / scale), scale);
+    for squaring in 1..=5 {
+        power *= power;
+        let s = size(&power);
+        power *= 1.0 / s;
+        factor *= (0..squaring).fold(s, |root, _| root.sqrt());
+    }
+    factor
+}
