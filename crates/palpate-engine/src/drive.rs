@@ -74,7 +74,9 @@ impl Rule for Paper {
 
     #[inline(always)]
     fn drive<L: Lateral>(_: &mut Site<L>, _: [f64; 3], f: &Field) -> Drive {
-        Drive { along: f.u_t, force: f.pull, reach: f.lateral, noise: 0.0 }
+        // A coupled potential pulls aside without any lateral deflection.
+        let further = if L::COUPLED && f.pull_slope > 0.0 { f.pull / f.pull_slope } else { 0.0 };
+        Drive { along: f.u_t, force: f.pull, reach: f.lateral + further, noise: 0.0 }
     }
 }
 

@@ -1,0 +1,156 @@
+//! The coupled law in the step: what holds of every law holds of it.
+
+mod common;
+
+#[path = "common/coupled.rs"]
+mod bodies;
+
+use bodies::{RANGE_M, coupled, sparse};
+use common::*;
+use glam::DVec3;
+use palpate_body::{Body, SlipRule, TriangleMesh};
+use palpate_engine::{Ablation, Contact};
+use proptest::prelude::*;
+
+fn mesh(kind: usize) -> TriangleMesh {
+    match kind {
+        0 => ellipsoid(DVec3::splat(0.03), 2),
+        1 => ellipsoid(DVec3::new(0.03, 0.04, 0.025), 3),
+        2 => torus(0.04, 0.02, 20, 14),
+        3 => cylinder(0.03, 0.1, 24, 11),
+        _ => patch(0.08, 9),
+    }
+}
+
+/// One of them, each node its own test point or few test points for all.
+fn body(chance: &mut Chance, kind: usize, friction: f64) -> Body {
+    let radius_m = if chance.unit() < 0.5 { 0.0 } else { chance.range(2e-3, 5e-3) };
+    let own = coupled(&mesh(kind), chance, 0.25, friction, radius_m);
+    if chance.unit() < 0.5 { own } else { sparse(&own, 5) }
+}
+
+/// Above the middle of a random element that is away from borders, and the way in.
+fn place(body: &Body, chance: &mut Chance) -> (DVec3, DVec3) {
+    loop {
+        let element = chance.below(body.elements().len()) as u32;
+        let [a, b, c] = body.element_nodes(element);
+        let p = (a.position + b.position + c.position) / 3.0;
+        let inward = (a.inward + b.inward + c.inward).normalize();
+        if p.z.abs() < 0.035
+            && p.x.abs().max(p.y.abs()) < 0.065
+            && !(body.elements().len() == 162 && p.length() > 0.02)
+        {
+            return (p - inward * body.tool().radius_m(), inward);
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(cases(24))]
+
+    /// Stick loops do no work, at any lateral deflection within and beyond the range.
+    #[test]
+    fn a_loop_in_stick_does_no_work(seed in any::<u64>(), kind in 0usize..5, far in 0.2f64..6.0) {
+        let mut chance = Chance::new(seed);
+        let body = body(&mut chance, kind, 1e6);
+        let (p, inward) = place(&body, &mut chance);
+        let mut contact = Contact::new(&body);
+        let start = p + inward * 4e-3;
+        step(&mut contact, &body, p - inward * 1e-3);
+        let begin = step(&mut contact, &body, start);
+        prop_assume!(begin.flags.in_contact);
+        let (a, b) = (chance.direction(), chance.direction());
+        let [a, b] = [a - inward * a.dot(inward), b - inward * b.dot(inward) * 0.8].map(|v| v * (far * RANGE_M));
+        let (mut moved, mut before, mut farthest) = (0.0, begin.energy.work_j, 0.0f64);
+        for i in 1..=2000 {
+            let t = f64::from(i) * std::f64::consts::TAU / 2000.0;
+            let o = step(&mut contact, &body, start + a * libm::sin(t) + b * (libm::sin(2.0 * t) * libm::sin(t)));
+            prop_assume!(!o.flags.slipping && o.flags.in_contact);
+            moved += (o.energy.work_j - before).abs();
+            before = o.energy.work_j;
+            farthest = farthest.max(o.contact.unwrap().delta_r_m);
+        }
+        let end = step(&mut contact, &body, start);
+        let work = end.energy.work_j - begin.energy.work_j;
+        prop_assert!(work.abs() <= 1e-12 * moved, "{work} of {moved}");
+        prop_assert!(far < 2.0 || farthest > RANGE_M, "{farthest}");
+    }
+
+    /// The force is the energy's gradient in stick: W's difference over a small step.
+    #[test]
+    fn in_stick_the_force_is_the_energys_gradient(seed in any::<u64>(), kind in 0usize..5) {
+        let mut chance = Chance::new(seed);
+        let body = body(&mut chance, kind, 1e6);
+        let (p, inward) = place(&body, &mut chance);
+        let mut contact = Contact::new(&body);
+        let mut x = p - inward * 1e-3;
+        step(&mut contact, &body, x);
+        x = p + inward * 3e-3 + chance.direction() * 1e-3;
+        let begin = step(&mut contact, &body, x);
+        prop_assume!(begin.flags.in_contact);
+        for _ in 0..50 {
+            let h = chance.direction() * 1e-7;
+            let (mut up, mut down) = (contact.clone(), contact.clone());
+            let (a, b) = (step(&mut up, &body, x + h), step(&mut down, &body, x - h));
+            let slope = (a.energy.stored_j - b.energy.stored_j) / (2.0 * h.length());
+            let here = step(&mut contact, &body, x);
+            prop_assert!((slope + force(&here).dot(h.normalize())).abs() < 1e-5 * (0.01 + force(&here).length()));
+            x += chance.direction() * 1e-4;
+        }
+    }
+
+    /// A slow press, drag and release: onset, release and slip are continuous, the ledger closes, the limit holds, and slip
+    /// is found in few evaluations.
+    #[test]
+    fn press_drag_and_release_are_continuous(seed in any::<u64>(), kind in 0usize..5, rule in 0usize..2, mu in 0.05f64..0.6) {
+        let mut chance = Chance::new(seed);
+        let body = body(&mut chance, kind, mu);
+        let rule = [SlipRule::Paper, SlipRule::Consistent][rule];
+        let (p, inward) = place(&body, &mut chance);
+        let mut contact = Contact::with_slip(&body, rule, Ablation::None);
+        let side = inward.cross(chance.direction()).normalize();
+        let mut path = vec![];
+        for i in 0..=400 { path.push(p + inward * (-3e-4 + 1e-5 * f64::from(i))); }
+        for i in 0..=600 { path.push(p + inward * 3.7e-3 + side * (1e-5 * f64::from(i))); }
+        for i in 0..=400 { path.push(p + inward * (3.7e-3 - 1.5e-5 * f64::from(i)) + side * 6e-3); }
+        let (mut last, mut bound) = (DVec3::ZERO, 0.0f64);
+        for (i, &x) in path.iter().enumerate() {
+            let o = step(&mut contact, &body, x);
+            prop_assert!(!o.flags.capped, "{:?}", o);
+            prop_assume!(!o.flags.border && !o.flags.blocked);
+            prop_assert!(imbalance(&o) < 1e-9);
+            let held = o.flags.in_contact;
+            let now = if held { contact.lipschitz_n_per_m(&body).unwrap_or(f64::INFINITY) } else { 0.0 };
+            prop_assume!(now < 8e3);
+            let way = if i > 0 { (x - path[i - 1]).length() } else { 0.0 };
+            let excess = (force(&o) - last).length() - 1.05 * bound.max(now) * way;
+            prop_assert!(excess < 1e-5, "step {i}: {excess} N {} {:?}", bound.max(now), o);
+            (last, bound) = (force(&o), now);
+        }
+        prop_assert_eq!(last, DVec3::ZERO);
+        let c = contact.counters();
+        prop_assert!(c.evaluations <= 4 * c.slips + 50, "{:?}", c);
+    }
+}
+
+/// A contact that is let go in stick, with friction that holds whatever is dragged: f → 0 with δz all the same.
+#[test]
+fn a_stuck_contact_releases_continuously() {
+    for seed in 0..40 {
+        let mut chance = Chance::new(seed);
+        let body = body(&mut chance, seed as usize % 5, 0.8);
+        let (p, inward) = place(&body, &mut chance);
+        let mut contact = Contact::new(&body);
+        let side = inward.cross(chance.direction()).normalize() * 1.5e-3;
+        step(&mut contact, &body, p - inward * 1e-3);
+        step(&mut contact, &body, p + inward * 2e-3);
+        let mut last = force(&step(&mut contact, &body, p + inward * 2e-3 + side));
+        for i in 0..6000 {
+            let o = step(&mut contact, &body, p + inward * (2e-3 - 5e-7 * f64::from(i)) + side);
+            let jump = (force(&o) - last).length();
+            assert!(jump < 5e-3, "{seed}: {jump} N at step {i}: {o:?}");
+            last = force(&o);
+        }
+        assert_eq!(last, DVec3::ZERO);
+    }
+}
