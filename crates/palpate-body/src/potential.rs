@@ -77,11 +77,18 @@ pub const QUANTITY_NAMES: [&str; QUANTITIES] =
     ["F", "b1", "b2", "K11", "K12", "K22", "C111", "C112", "C122", "C222", "Q", "mu"];
 
 impl Potential {
+    /// What test point `t` promises of it.
+    pub(crate) fn check_at(&self, t: usize, inward: DVec3, range_m: f64) -> Result<()> {
+        self.check(inward, range_m)
+            .map_err(|(problem, hint)| BodyError::invalid(format!("test point {t}"), problem, hint))
+    }
+
     /// All that a potential promises, as bounds on its whole range; `inward` is the unit normal of its test point.
     fn check(&self, inward: DVec3, range_m: f64) -> Checked {
         let [t1, t2] = self.tangents;
-        let off = (t1.length() - 1.0).abs().max((t2.length() - 1.0).abs());
-        let off = off.max(t1.dot(t2).abs()).max(t1.dot(inward).abs()).max(t2.dot(inward).abs());
+        // A sum, which a NaN gets through.
+        let off = [t1.length() - 1.0, t2.length() - 1.0, t1.dot(t2), t1.dot(inward), t2.dot(inward)];
+        let off: f64 = off.iter().map(|x| x.abs()).sum();
         if !(off < 1e-9) {
             return Err((
                 format!("its tangents are {off:.1e} off unit vectors in the tangent plane"),
@@ -353,16 +360,9 @@ impl PotentialAt<'_> {
 impl CoupledLaw {
     /// What every test point promises; `inward` are the normals there.
     pub(crate) fn check(&self, inward: &[DVec3]) -> Result<()> {
-        if !(self.range_m > 1e-9 && self.range_m < 1.0) {
-            let problem = format!("the potentials' lateral range is {} m", self.range_m);
-            return Err(BodyError::invalid("law", problem, "give a length between 1e-9 and 1 m"));
-        }
-        for (t, (potential, u)) in self.potentials.iter().zip(inward).enumerate() {
-            potential
-                .check(*u, self.range_m)
-                .map_err(|(problem, hint)| BodyError::invalid(format!("test point {t}"), problem, hint))?;
-        }
-        Ok(())
+        check_range(self.range_m)?;
+        let mut all = self.potentials.iter().zip(inward).enumerate();
+        all.try_for_each(|(t, (potential, u))| potential.check_at(t, *u, self.range_m))
     }
 
     /// How many test points there are.
@@ -374,6 +374,15 @@ impl CoupledLaw {
     pub fn is_empty(&self) -> bool {
         self.potentials.is_empty()
     }
+}
+
+/// A lateral range that means something.
+pub(crate) fn check_range(range_m: f64) -> Result<()> {
+    if range_m > 1e-6 && range_m < 1.0 {
+        return Ok(());
+    }
+    let problem = format!("the lateral range is {range_m} m");
+    Err(BodyError::invalid("coupled law", problem, "give a length between 1e-6 and 1 m"))
 }
 
 /// How each of a potential's curves goes on past the last knot.
