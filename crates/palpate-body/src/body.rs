@@ -4,7 +4,7 @@ use crate::curve::Curve;
 use crate::error::{BodyError, Result};
 use crate::gradient::Gradients;
 use crate::model::ContactModel;
-use crate::potential::{CoupledLaw, Potentials};
+use crate::potential::{CoupledLaw, Potential, Potentials};
 use crate::response::{Response, Responses};
 use crate::search::Search;
 use crate::surface::{
@@ -367,6 +367,11 @@ impl Body {
     /// The coupled law, if that is the body's.
     pub fn coupled_law(&self) -> Option<&CoupledLaw> {
         self.coupled.as_ref()
+    }
+
+    /// The potentials of its test points; none with a decoupled law.
+    pub(crate) fn potential_list(&self) -> &[Potential] {
+        self.coupled.as_ref().map_or(&[], |law| &law.potentials)
     }
 
     /// Curves of each test point; none with a coupled law.

@@ -7,9 +7,12 @@
 use crate::body::{Body, BodyParts, NodeMix, Provenance, SlipRule};
 use crate::curve::{Curve, Extension, check_knots};
 use crate::error::{BodyError, Result};
+use crate::law::QUANTITIES;
+use crate::potential::{CoupledLaw, EXTENSIONS, Potential, QUANTITY_NAMES, check_range};
 use crate::response::Response;
 use crate::surface::{Element, Surface};
 use bytemuck::{Pod, bytes_of, cast_slice, pod_collect_to_vec};
+use glam::DVec3;
 use safetensors::Dtype::{self, F64, U32};
 use safetensors::tensor::{Metadata, TensorInfo};
 use serde::Serialize;
@@ -24,7 +27,7 @@ const _: () =
 
 const SCHEMA: &str = "palpate-body";
 /// What this program reads up to. A body is written in the least version that holds all of it.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 const UNITS: &str = "SI: m, N, J";
 
 /// Bytes of the header's length, which the file begins with.
@@ -44,12 +47,16 @@ struct Sizes {
     anisotropic: bool,
     /// Whether the slip rule is another than the paper's: version 3.
     other_slip: bool,
+    /// Whether the law is a coupled potential: version 4.
+    coupled: bool,
 }
 
 impl Sizes {
     /// The least version that holds it.
     fn version(&self) -> u32 {
-        if self.other_slip {
+        if self.coupled {
+            4
+        } else if self.other_slip {
             3
         } else if self.anisotropic {
             2
@@ -61,27 +68,38 @@ impl Sizes {
 
 /// The tensors in their order in the file, wider numbers first, so that all are aligned.
 ///
-/// Responses that depend on orientation, torque curves, and coupled responses would be further tensors of a later
-/// version.
+/// Responses that depend on orientation and torque curves would be further tensors of a later version.
 fn layout(s: &Sizes) -> Vec<(&'static str, Dtype, Vec<usize>)> {
     let (depth, lateral) = (s.depth_knots.saturating_sub(1), s.lateral_knots.saturating_sub(1));
     let lateral_tensors = s.anisotropic.then(|| ("lateral_tensors", F64, vec![s.nodes, 6]));
-    let all = [
+    let geometry = [
         ("positions", F64, vec![s.nodes, 3]),
         ("inward_normals", F64, vec![s.nodes, 3]),
         ("node_weights", F64, vec![s.nodes, 3]),
         ("depth_knots_m", F64, vec![s.depth_knots]),
-        ("lateral_knots_m", F64, vec![s.lateral_knots]),
-        ("normal_curves_n", F64, vec![s.test_points, depth, 4]),
-        ("friction_curves", F64, vec![s.test_points, depth, 4]),
-        ("lateral_curves_n", F64, vec![s.test_points, lateral, 4]),
+    ];
+    let law = if s.coupled {
+        vec![
+            ("lateral_range_m", F64, vec![1]),
+            ("coupled_tangents", F64, vec![s.test_points, 2, 3]),
+            ("coupled_curves", F64, vec![s.test_points, QUANTITIES, depth, 4]),
+        ]
+    } else {
+        vec![
+            ("lateral_knots_m", F64, vec![s.lateral_knots]),
+            ("normal_curves_n", F64, vec![s.test_points, depth, 4]),
+            ("friction_curves", F64, vec![s.test_points, depth, 4]),
+            ("lateral_curves_n", F64, vec![s.test_points, lateral, 4]),
+        ]
+    };
+    let numbers = [
         ("vertices", U32, vec![s.nodes]),
         ("node_test_points", U32, vec![s.nodes, 3]),
         ("triangles", U32, vec![s.elements, 3]),
         ("twins", U32, vec![s.elements, 3]),
         ("test_point_nodes", U32, vec![s.test_points]),
     ];
-    lateral_tensors.into_iter().chain(all).collect()
+    lateral_tensors.into_iter().chain(geometry).chain(law).chain(numbers).collect()
 }
 
 /// A tensor of curves.
@@ -124,6 +142,40 @@ impl SharedKnots {
                 .map_err(|e| within(format!("{}, test point {t}", tensor(kind.tensor)), e))
         };
         Ok(Response { normal: curve(0)?, lateral: curve(1)?, friction: curve(2)? })
+    }
+}
+
+/// A coupled law's depth knots and lateral range, m.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct CoupledHeader {
+    pub depth: Vec<f64>,
+    pub range_m: f64,
+}
+
+impl CoupledHeader {
+    /// Ordinates of a test point.
+    pub fn width(&self) -> usize {
+        QUANTITIES * (self.depth.len() - 1)
+    }
+
+    /// The potential of test point `t` from its tangents and its ordinates, one quantity after the other.
+    pub fn potential(&self, t: usize, tangents: [DVec3; 2], ordinates: &[[f64; 4]]) -> Result<Potential> {
+        let intervals = self.depth.len() - 1;
+        let curve = |i: usize| {
+            let ordinates = ordinates.get(i * intervals..(i + 1) * intervals).unwrap_or(&[]);
+            Curve::from_ordinates(&self.depth, ordinates, EXTENSIONS[i]).map_err(|e| {
+                within(format!("{}, test point {t}, {}", tensor("coupled_curves"), QUANTITY_NAMES[i]), e)
+            })
+        };
+        Ok(Potential {
+            tangents,
+            press: curve(0)?,
+            offset: [curve(1)?, curve(2)?],
+            stiffness: [curve(3)?, curve(4)?, curve(5)?],
+            cubic: [curve(6)?, curve(7)?, curve(8)?, curve(9)?],
+            quartic: curve(10)?,
+            friction: curve(11)?,
+        })
     }
 }
 
@@ -197,10 +249,20 @@ impl Body {
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
         let file = File::parse(bytes)?;
         let test_point_nodes: Vec<u32> = pod_collect_to_vec(file.bytes("test_point_nodes"));
-        let knots = file.knots()?;
-        let curves = CURVES.map(|kind| pod_collect_to_vec::<u8, [f64; 4]>(file.bytes(kind.tensor)));
-        let curves = curves.each_ref().map(Vec::as_slice);
-        let responses = (0..test_point_nodes.len()).map(|t| knots.response(t, t, curves));
+        let (mut responses, mut coupled) = (Vec::new(), None);
+        if let Some(header) = file.coupled()? {
+            let ordinates: Vec<[f64; 4]> = pod_collect_to_vec(file.bytes("coupled_curves"));
+            let rows = file.rows("coupled_tangents").zip(ordinates.chunks_exact(header.width()));
+            let potentials = rows.enumerate().map(|(t, (tangents, row))| header.potential(t, tangents, row));
+            coupled =
+                Some(CoupledLaw { range_m: header.range_m, potentials: potentials.collect::<Result<_>>()? });
+        } else {
+            let knots = file.knots()?;
+            let curves = CURVES.map(|kind| pod_collect_to_vec::<u8, [f64; 4]>(file.bytes(kind.tensor)));
+            let curves = curves.each_ref().map(Vec::as_slice);
+            let all = (0..test_point_nodes.len()).map(|t| knots.response(t, t, curves));
+            responses = all.collect::<Result<_>>()?;
+        }
         let elements = file.rows("triangles").zip(file.rows("twins"));
         let mixes = file.rows("node_test_points").zip(file.rows("node_weights"));
         Body::new(BodyParts {
@@ -212,9 +274,9 @@ impl Body {
                 vertices: pod_collect_to_vec(file.bytes("vertices")),
             },
             mixes: mixes.map(|(test_points, weights)| NodeMix { test_points, weights }).collect(),
-            responses: responses.collect::<Result<_>>()?,
+            responses,
             test_point_nodes,
-            coupled: None,
+            coupled,
             lateral_tensors: Some(pod_collect_to_vec(file.bytes("lateral_tensors"))),
             tool: file.json("tool", serde_json::from_str)?,
             slip: file.slip()?,
@@ -237,19 +299,22 @@ impl Body {
         Sizes {
             nodes: self.nodes.len(),
             elements: self.elements.len(),
-            test_points: self.curves.len(),
+            test_points: self.test_point_nodes.len(),
             depth_knots: self.responses.depth_knots().values().len(),
             lateral_knots: self.responses.lateral_knots().values().len(),
             anisotropic: !self.is_isotropic(),
             other_slip: self.slip != SlipRule::Paper,
+            coupled: self.coupled.is_some(),
         }
     }
 
     /// The header behind its length, padded so that the tensors begin at a multiple of 8.
     fn header(&self) -> Result<Vec<u8>> {
         // Nothing is written that reading would refuse.
-        for (t, r) in self.curves.iter().enumerate() {
-            for curve in [&r.normal, &r.lateral, &r.friction] {
+        let responses = self.curves.iter().map(|r| vec![&r.normal, &r.lateral, &r.friction]);
+        let potentials = self.potential_list().iter().map(|p| p.curves().to_vec());
+        for (t, curves) in responses.chain(potentials).enumerate() {
+            for curve in curves {
                 Curve::from_ordinates(curve.knots(), curve.ordinates(), curve.extension())
                     .map_err(|e| within(format!("test point {t}"), e))?;
             }
@@ -308,6 +373,12 @@ impl Body {
             "normal_curves_n" => curves.iter().try_for_each(|r| put(cast_slice(r.normal.ordinates()))),
             "friction_curves" => curves.iter().try_for_each(|r| put(cast_slice(r.friction.ordinates()))),
             "lateral_curves_n" => curves.iter().try_for_each(|r| put(cast_slice(r.lateral.ordinates()))),
+            "lateral_range_m" => put(bytes_of(&self.model.potentials.range_m())),
+            "coupled_tangents" => self.potential_list().iter().try_for_each(|p| put(bytes_of(&p.tangents))),
+            "coupled_curves" => {
+                let mut curves = self.potential_list().iter().flat_map(Potential::curves);
+                curves.try_for_each(|c| put(cast_slice(c.ordinates())))
+            }
             "vertices" => put(cast_slice(&self.vertices)),
             "node_test_points" => nodes.iter().try_for_each(|n| put(bytes_of(&n.test_points))),
             "triangles" => elements.iter().try_for_each(|e| put(bytes_of(&e.nodes))),
@@ -435,6 +506,7 @@ impl<'a> File<'a> {
             test_points: count("test_point_nodes"),
             depth_knots: count("depth_knots_m"),
             lateral_knots: count("lateral_knots_m"),
+            coupled: version >= 4 && self.header.info("coupled_curves").is_some(),
             anisotropic: version >= 2 && self.header.info("lateral_tensors").is_some(),
             other_slip: version >= 3,
         });
@@ -498,7 +570,18 @@ impl<'a> File<'a> {
         self.bytes(name).chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned)
     }
 
-    /// What all curves share.
+    /// What a coupled law's test points share, if the body has one.
+    pub fn coupled(&self) -> Result<Option<CoupledHeader>> {
+        let Some(&range_m) = pod_collect_to_vec::<u8, f64>(self.bytes("lateral_range_m")).first() else {
+            return Ok(None);
+        };
+        let depth: Vec<f64> = pod_collect_to_vec(self.bytes("depth_knots_m"));
+        check_knots(&depth).map_err(|e| within(tensor("depth_knots_m"), e))?;
+        check_range(range_m).map_err(|e| within(tensor("lateral_range_m"), e))?;
+        Ok(Some(CoupledHeader { depth, range_m }))
+    }
+
+    /// What all curves of a decoupled law share.
     pub fn knots(&self) -> Result<SharedKnots> {
         let knots = |name| {
             let knots: Vec<f64> = pod_collect_to_vec(self.bytes(name));

@@ -37,6 +37,7 @@ pub mod curve;
 pub mod error;
 pub mod file;
 pub mod gradient;
+mod growth;
 pub mod import;
 pub mod law;
 pub mod model;

@@ -103,7 +103,7 @@ impl ContactModel {
     /// Whether the law is a coupled potential.
     #[inline]
     pub fn is_coupled(&self) -> bool {
-        !self.potentials.is_empty()
+        self.potentials.range_m() > 0.0
     }
 
     /// Mixed responses; the knots alone with a coupled law.

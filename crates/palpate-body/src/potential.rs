@@ -2,6 +2,7 @@
 
 use crate::curve::{Curve, Extension};
 use crate::error::{BodyError, Result};
+use crate::growth::{Growth, growth};
 use crate::law::{AtDepth, Coupled, CoupledRow, Monomials, QUANTITIES, at_depth, coupled};
 use crate::response::Knots;
 use glam::DVec3;
@@ -46,6 +47,14 @@ impl Potential {
         [&self.press, b1, b2, k1, k2, k3, c1, c2, c3, c4, &self.quartic, &self.friction]
     }
 
+    /// Whether all that a body's potentials promise holds of this one, at a test point with this inward normal.
+    ///
+    /// # Errors
+    /// What does not hold, and where.
+    pub fn validate(&self, inward: DVec3, range_m: f64) -> Result<()> {
+        self.check(inward, range_m).map_err(|(problem, hint)| BodyError::invalid("potential", problem, hint))
+    }
+
     /// W, f_z and ∂W/∂ξ at a depth and a lateral deflection in its tangents, m. Not for the step.
     pub fn at(&self, depth: f64, xi: [f64; 2], range_m: f64) -> Coupled<f64> {
         let curves = self.curves();
@@ -58,11 +67,28 @@ impl Potential {
 /// How a check of a potential went: what is wrong, and how to mend it.
 type Checked = std::result::Result<(), (String, &'static str)>;
 
+/// What curves may be off, in parts of their greatest ordinate.
+const TOLERANCE: f64 = 1e-9;
+/// The least that a lateral force must grow along a ray, in parts of the greatest stiffness.
+const LEAST_GROWTH: f64 = 1e-6;
+
+/// The names of a potential's curves, as errors and tables give them.
+pub const QUANTITY_NAMES: [&str; QUANTITIES] =
+    ["F", "b1", "b2", "K11", "K12", "K22", "C111", "C112", "C122", "C222", "Q", "mu"];
+
 impl Potential {
-    fn check(&self, inward: DVec3, _range_m: f64) -> Checked {
+    /// What test point `t` promises of it.
+    pub(crate) fn check_at(&self, t: usize, inward: DVec3, range_m: f64) -> Result<()> {
+        self.check(inward, range_m)
+            .map_err(|(problem, hint)| BodyError::invalid(format!("test point {t}"), problem, hint))
+    }
+
+    /// All that a potential promises, as bounds on its whole range; `inward` is the unit normal of its test point.
+    fn check(&self, inward: DVec3, range_m: f64) -> Checked {
         let [t1, t2] = self.tangents;
-        let off = (t1.length() - 1.0).abs().max((t2.length() - 1.0).abs());
-        let off = off.max(t1.dot(t2).abs()).max(t1.dot(inward).abs()).max(t2.dot(inward).abs());
+        // A sum, which a NaN gets through.
+        let off = [t1.length() - 1.0, t2.length() - 1.0, t1.dot(t2), t1.dot(inward), t2.dot(inward)];
+        let off: f64 = off.iter().map(|x| x.abs()).sum();
         if off.is_nan() || off > 1e-9 {
             return Err((
                 format!("its tangents are {off:.1e} off unit vectors in the tangent plane"),
@@ -70,15 +96,112 @@ impl Potential {
             ));
         }
         for (i, (curve, extension)) in self.curves().into_iter().zip(EXTENSIONS).enumerate() {
-            if curve.knots() != self.press.knots() || curve.extension() != extension {
-                return Err((
-                    format!("curve {i} is on other knots or goes on wrongly"),
-                    "bring all onto the same knots",
-                ));
+            let name = QUANTITY_NAMES[i];
+            if curve.knots() != self.press.knots() {
+                return Err((format!("{name} is on other knots than F"), "bring all onto the same knots"));
+            }
+            if curve.extension() != extension {
+                let problem = format!("past its last knot {name} goes on {:?}", curve.extension());
+                return Err((problem, "let F go on along its parabola, all else stay what it is"));
+            }
+            check_smooth(i, curve)?;
+        }
+        self.check_press()?;
+        self.check_growth(range_m)?;
+        if !(self.friction.least_value() >= 0.0) {
+            return Err(("its friction coefficient is negative somewhere".into(), "give 0 or more"));
+        }
+        Ok(())
+    }
+
+    /// The press straight in pushes, and the more the deeper: F'' ≥ 0, which is linear in each interval.
+    fn check_press(&self) -> Checked {
+        let knots = self.press.knots();
+        let bends = self.press.ordinates().iter().zip(knots.windows(2)).flat_map(|(b, k)| {
+            let h = k[1] - k[0];
+            let bend = |a: f64, b: f64, c: f64| 6.0 * (a - 2.0 * b + c) / (h * h);
+            [(k[0], bend(b[0], b[1], b[2])), (k[1], bend(b[1], b[2], b[3]))]
+        });
+        let steepest = bends.clone().fold(0.0f64, |most, (_, bend)| most.max(bend.abs()));
+        match bends.into_iter().find(|(_, bend)| !(*bend >= -TOLERANCE * steepest)) {
+            Some((depth, bend)) => {
+                let problem =
+                    format!("the press force F' falls by {:.3} N/m at {:.3} mm", -bend, depth * 1e3);
+                Err((problem, "give forces that do not decrease with depth"))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Lateral forces grow along every ray: K is positive definite, and C does not outweigh it and Q within the range. Beyond, the
+    /// slope along a ray stays what it is at the rim.
+    fn check_growth(&self, range_m: f64) -> Checked {
+        let ordinates = self.stiffness.iter().flat_map(|k| k.ordinates().as_flattened());
+        let margin = LEAST_GROWTH * ordinates.fold(0.0f64, |most, k| most.max(k.abs()));
+        for range in [0.0, range_m] {
+            match growth(&self.stiffness, &self.cubic, &self.quartic, range, margin) {
+                Growth::Positive => {}
+                Growth::Fails { depth_m, .. } if range == 0.0 => {
+                    let problem = format!(
+                        "its stiffness K is not positive definite at a depth of {:.3} mm",
+                        depth_m * 1e3
+                    );
+                    return Err((problem, "smooth K over the depth, or raise it there"));
+                }
+                Growth::Fails { depth_m, xi: [x, y] } => {
+                    let [d, x, y] = [depth_m, x, y].map(|x| x * 1e3);
+                    let problem = format!(
+                        "its lateral force does not grow along the ray to ({x:.3}, {y:.3}) mm at a depth of {d:.3} mm"
+                    );
+                    return Err((problem, "raise Q or lower C there, or shorten the lateral range"));
+                }
+                Growth::Undecided { depth_m } => {
+                    let problem = format!(
+                        "whether its lateral force grows along every ray can't be decided near a depth of {:.3} mm",
+                        depth_m * 1e3
+                    );
+                    return Err((problem, "raise K or Q there: it is too near to nothing"));
+                }
             }
         }
         Ok(())
     }
+}
+
+/// Slopes do not jump, and are 0 at both ends but for the press's last and μ's; F and b begin with 0.
+fn check_smooth(quantity: usize, curve: &Curve) -> Checked {
+    let name = QUANTITY_NAMES[quantity];
+    let (knots, ordinates) = (curve.knots(), curve.ordinates());
+    let largest = ordinates.as_flattened().iter().fold(0.0f64, |most, y| most.max(y.abs()));
+    let zero = |x: f64| x.abs() <= TOLERANCE * largest;
+    if quantity == QUANTITIES - 1 {
+        return Ok(());
+    }
+    let ([first, second, ..], [.., before, last]) = (ordinates[0], ordinates[ordinates.len() - 1]);
+    if quantity < 3 && !zero(first) {
+        return Err((format!("{name} is {first} where the depth is 0"), "let F and b begin with 0"));
+    }
+    if !zero(second - first) {
+        return Err((
+            format!("{name} begins with a slope"),
+            "let all begin with slope 0: forces must vanish with depth",
+        ));
+    }
+    if quantity > 0 && !zero(last - before) {
+        return Err((
+            format!("{name} ends with a slope"),
+            "let all but F end with slope 0: they stay what they are there",
+        ));
+    }
+    for ((k, [.., c, d]), [a, b, ..]) in knots.windows(3).zip(ordinates).zip(&ordinates[1..]) {
+        let (left, right) = (k[1] - k[0], k[2] - k[1]);
+        let jump = (b - a) / right - (d - c) / left;
+        if !zero(jump * left.min(right)) {
+            let problem = format!("the slope of {name} jumps at a depth of {:.3} mm", k[1] * 1e3);
+            return Err((problem, "make it smooth: its slope is part of the force"));
+        }
+    }
+    Ok(())
 }
 
 /// The potentials laid out for the step.
@@ -237,16 +360,9 @@ impl PotentialAt<'_> {
 impl CoupledLaw {
     /// What every test point promises; `inward` are the normals there.
     pub(crate) fn check(&self, inward: &[DVec3]) -> Result<()> {
-        if !(self.range_m > 1e-9 && self.range_m < 1.0) {
-            let problem = format!("the potentials' lateral range is {} m", self.range_m);
-            return Err(BodyError::invalid("law", problem, "give a length between 1e-9 and 1 m"));
-        }
-        for (t, (potential, u)) in self.potentials.iter().zip(inward).enumerate() {
-            potential
-                .check(*u, self.range_m)
-                .map_err(|(problem, hint)| BodyError::invalid(format!("test point {t}"), problem, hint))?;
-        }
-        Ok(())
+        check_range(self.range_m)?;
+        let mut all = self.potentials.iter().zip(inward).enumerate();
+        all.try_for_each(|(t, (potential, u))| potential.check_at(t, *u, self.range_m))
     }
 
     /// How many test points there are.
@@ -258,6 +374,15 @@ impl CoupledLaw {
     pub fn is_empty(&self) -> bool {
         self.potentials.is_empty()
     }
+}
+
+/// A lateral range that means something.
+pub(crate) fn check_range(range_m: f64) -> Result<()> {
+    if range_m > 1e-6 && range_m < 1.0 {
+        return Ok(());
+    }
+    let problem = format!("the lateral range is {range_m} m");
+    Err(BodyError::invalid("coupled law", problem, "give a length between 1e-6 and 1 m"))
 }
 
 /// How each of a potential's curves goes on past the last knot.

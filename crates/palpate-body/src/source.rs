@@ -4,6 +4,7 @@ use crate::body::{Body, SlipRule};
 use crate::error::{BodyError, Result};
 use crate::model::ContactModel;
 use crate::patch::Patch;
+use crate::potential::Potential;
 use crate::response::Response;
 use crate::tensor::Tensor;
 use glam::DVec3;
@@ -52,11 +53,17 @@ pub trait BodySource: Debug + Send + Sync {
     /// As [`BodySource::take`]; there is no surface.
     fn nearest(&self, p: DVec3) -> Result<[DVec3; 2]>;
 
-    /// Shows every test point's response.
+    /// Shows every test point's response; none with a coupled law.
     ///
     /// # Errors
     /// As [`BodySource::take`].
     fn each_response(&self, visit: &mut dyn FnMut(&Response)) -> Result<()>;
+
+    /// Shows every test point's potential; none with a decoupled law.
+    ///
+    /// # Errors
+    /// As [`BodySource::take`].
+    fn each_potential(&self, visit: &mut dyn FnMut(&Potential)) -> Result<()>;
 
     /// Shows the lateral tensor of every node, and its inward normal; none where the lateral response is alike in all
     /// directions.
@@ -132,6 +139,11 @@ impl BodySource for Body {
 
     fn each_response(&self, visit: &mut dyn FnMut(&Response)) -> Result<()> {
         self.curves.iter().for_each(visit);
+        Ok(())
+    }
+
+    fn each_potential(&self, visit: &mut dyn FnMut(&Potential)) -> Result<()> {
+        self.potential_list().iter().for_each(visit);
         Ok(())
     }
 

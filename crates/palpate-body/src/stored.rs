@@ -12,11 +12,11 @@ use crate::body::{
     check_test_points, creased, mixed_inward,
 };
 use crate::error::{BodyError, Result};
-use crate::file::{CURVES, File, SharedKnots, Stamp, mapped};
+use crate::file::{CURVES, CoupledHeader, File, SharedKnots, Stamp, mapped};
 use crate::gradient::Gradients;
 use crate::model::ContactModel;
 use crate::patch::Patch;
-use crate::potential::Potentials;
+use crate::potential::{CoupledLaw, Potential, Potentials};
 use crate::ranks::Ranks;
 use crate::response::{Response, Responses};
 use crate::search::{Search, point};
@@ -45,7 +45,7 @@ pub struct StoredBody {
     /// Of the file when it was checked.
     stamp: Stamp,
     tensors: Tensors,
-    knots: SharedKnots,
+    law: Law,
     outline: ContactModel,
     search: Search,
     nodes: usize,
@@ -66,8 +66,21 @@ struct Tensors {
     mixed: u64,
     triangles: u64,
     twins: u64,
+}
+
+/// What test points answer by, and where their tensors begin in the file, bytes.
+#[derive(Debug)]
+enum Law {
     /// Of the [`CURVES`].
-    curves: [u64; 3],
+    Decoupled {
+        knots: SharedKnots,
+        curves: [u64; 3],
+    },
+    Coupled {
+        header: CoupledHeader,
+        tangents: u64,
+        curves: u64,
+    },
 }
 
 impl StoredBody {
@@ -116,18 +129,10 @@ impl StoredBody {
         let isotropic = tensors.iter().all(|a| *a == IDENTITY);
         check_tensors(tensors, inward)?;
 
-        let knots = parsed.knots()?;
-        let curves = [
-            column(&parsed, CURVES[0].tensor)?,
-            column(&parsed, CURVES[1].tensor)?,
-            column(&parsed, CURVES[2].tensor)?,
-        ];
-        for t in 0..at.len() {
-            knots.response(t, t, curves)?.check_at(t, &knots.depth, &knots.lateral)?;
-        }
-        // One has all the knots.
-        let first = (0..at.len().min(1)).map(|t| knots.response(t, t, curves)).collect::<Result<Vec<_>>>()?;
-        let responses = Responses::new(&first)?.without_points();
+        let (law, outline) = match parsed.coupled()? {
+            None => Self::check_responses(&parsed, at)?,
+            Some(header) => Self::check_potentials(&parsed, header, at, inward)?,
+        };
 
         parsed.json("provenance", serde_json::from_str::<Provenance>)?;
         let own = parsed.slip()?;
@@ -148,15 +153,9 @@ impl StoredBody {
                 mixed: parsed.place("node_test_points"),
                 triangles: parsed.place("triangles"),
                 twins: parsed.place("twins"),
-                curves: [0, 1, 2].map(|i| parsed.place(CURVES[i].tensor)),
             },
-            knots,
-            outline: ContactModel::without_surface(
-                (responses, Potentials::default()),
-                creased(vertices),
-                tool,
-                own,
-            ),
+            law,
+            outline: ContactModel::without_surface(outline, creased(vertices), tool, own),
             search,
             nodes: positions.len(),
             test_points: at.len(),
@@ -164,6 +163,47 @@ impl StoredBody {
             gradients,
             extent: Extent::of(positions.iter().copied()),
         })
+    }
+
+    /// Every test point's response, on its own; with what an outline holds of all.
+    fn check_responses(parsed: &File, at: &[u32]) -> Result<(Law, (Responses, Potentials))> {
+        let knots = parsed.knots()?;
+        let curves = [
+            column(parsed, CURVES[0].tensor)?,
+            column(parsed, CURVES[1].tensor)?,
+            column(parsed, CURVES[2].tensor)?,
+        ];
+        for t in 0..at.len() {
+            knots.response(t, t, curves)?.check_at(t, &knots.depth, &knots.lateral)?;
+        }
+        // One has all the knots.
+        let first = (0..at.len().min(1)).map(|t| knots.response(t, t, curves)).collect::<Result<Vec<_>>>()?;
+        let responses = Responses::new(&first)?.without_points();
+        let curves = [0, 1, 2].map(|i| parsed.place(CURVES[i].tensor));
+        Ok((Law::Decoupled { knots, curves }, (responses, Potentials::default())))
+    }
+
+    /// The same of potentials.
+    fn check_potentials(
+        parsed: &File,
+        header: CoupledHeader,
+        at: &[u32],
+        inward: &[DVec3],
+    ) -> Result<(Law, (Responses, Potentials))> {
+        let tangents: &[[DVec3; 2]] = column(parsed, "coupled_tangents")?;
+        let ordinates: &[[f64; 4]] = column(parsed, "coupled_curves")?;
+        let mut first = Vec::new();
+        for (t, (&tangents, row)) in tangents.iter().zip(ordinates.chunks_exact(header.width())).enumerate() {
+            let potential = header.potential(t, tangents, row)?;
+            potential.check_at(t, inward[at[t] as usize], header.range_m)?;
+            if t == 0 {
+                first.push(potential);
+            }
+        }
+        let (knots, table) = Potentials::new(&CoupledLaw { range_m: header.range_m, potentials: first })?;
+        let outline = (Responses::knots_alone(knots, header.range_m)?, table.without_points());
+        let (tangents, curves) = (parsed.place("coupled_tangents"), parsed.place("coupled_curves"));
+        Ok((Law::Coupled { header, tangents, curves }, outline))
     }
 
     /// An error unless the file is as it was when it was checked, as far as its length and time tell.
@@ -259,18 +299,28 @@ impl Reading<'_> {
         Ok(nodes.into_iter().zip(twins).map(|(nodes, twins)| Element { nodes, twins }).collect())
     }
 
-    /// Responses of test points.
+    /// Responses of test points; none with a coupled law.
     fn responses(&self, which: &[u32]) -> Result<Vec<Response>> {
+        let Law::Decoupled { knots, curves } = &self.of.law else { return Ok(Vec::new()) };
         let ordinates = |i: usize| {
-            let width = self.of.knots.intervals(&CURVES[i]) * size_of::<[f64; 4]>();
-            let bytes = self.bytes_of_rows(self.of.tensors.curves[i], width, which)?;
+            let width = knots.intervals(&CURVES[i]) * size_of::<[f64; 4]>();
+            let bytes = self.bytes_of_rows(curves[i], width, which)?;
             Ok(bytemuck::pod_collect_to_vec::<u8, [f64; 4]>(&bytes))
         };
         let (normal, lateral, friction) = (ordinates(0)?, ordinates(1)?, ordinates(2)?);
-        let row = |(row, &t): (usize, &u32)| {
-            self.of.knots.response(t as usize, row, [&normal, &lateral, &friction])
-        };
+        let row = |(row, &t): (usize, &u32)| knots.response(t as usize, row, [&normal, &lateral, &friction]);
         which.iter().enumerate().map(row).collect()
+    }
+
+    /// The potentials of test points; none with a decoupled law.
+    fn potentials(&self, which: &[u32]) -> Result<Option<CoupledLaw>> {
+        let Law::Coupled { header, tangents, curves } = &self.of.law else { return Ok(None) };
+        let width = header.width() * size_of::<[f64; 4]>();
+        let ordinates = bytemuck::pod_collect_to_vec(&self.bytes_of_rows(*curves, width, which)?);
+        let rows = self.rows(*tangents, which)?.into_iter().zip(ordinates.chunks_exact(header.width()));
+        let rows = rows.zip(which);
+        let potentials = rows.map(|((tangents, row), &t)| header.potential(t as usize, tangents, row));
+        Ok(Some(CoupledLaw { range_m: header.range_m, potentials: potentials.collect::<Result<_>>()? }))
     }
 
     /// The other elements around the nodes of these, and their numbers.
@@ -319,7 +369,10 @@ impl Reading<'_> {
         let responses = self.responses(points.list())?;
 
         let mut model = self.of.outline.outline();
-        model.responses = Responses::new(&responses)?;
+        match self.potentials(points.list())? {
+            None => model.responses = Responses::new(&responses)?,
+            Some(law) => model.potentials = Potentials::new(&law)?.1,
+        }
         let positions = self.rows(self.of.tensors.positions, which)?.into_iter();
         let inward = self.rows(self.of.tensors.inward, which)?;
         let mixes = mixed.into_iter().zip(self.rows(self.of.tensors.weights, which)?);
@@ -391,6 +444,13 @@ impl BodySource for StoredBody {
     fn each_response(&self, visit: &mut dyn FnMut(&Response)) -> Result<()> {
         batches(self.test_points, |which| {
             self.reading().responses(which)?.iter().for_each(&mut *visit);
+            Ok(())
+        })
+    }
+
+    fn each_potential(&self, visit: &mut dyn FnMut(&Potential)) -> Result<()> {
+        batches(self.test_points, |which| {
+            self.reading().potentials(which)?.iter().flat_map(|law| &law.potentials).for_each(&mut *visit);
             Ok(())
         })
     }

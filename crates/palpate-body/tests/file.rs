@@ -2,10 +2,13 @@
 
 #![allow(unsafe_code, reason = "an allocator that measures is an unsafe trait")]
 
+#[path = "support/coupled.rs"]
+mod support;
+
 use glam::DVec3;
 use palpate_body::{
-    Body, BodyParts, BodySource, Curve, Extension, Interpolation, NodeMix, PointErrors, Provenance, Response,
-    SlipRule, StoredBody, Surface, Tensor, Tool, TriangleMesh, tensor,
+    Body, BodyParts, BodySource, CoupledLaw, Curve, Extension, Interpolation, NodeMix, PointErrors,
+    Provenance, Response, SlipRule, StoredBody, Surface, Tensor, Tool, TriangleMesh, tensor,
 };
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -132,9 +135,30 @@ fn made(
     .unwrap()
 }
 
-fn bodies() -> [Body; 4] {
+/// The same places with a coupled law.
+fn coupled(mesh: &TriangleMesh, points: u32) -> Body {
+    let mut parts = body(mesh, 0.5, points).parts();
+    let potential = |t: u32| {
+        let u = parts.surface.inward_normals()[t as usize];
+        let t1 = u.any_orthonormal_vector();
+        palpate_body::Potential { tangents: [t1, u.cross(t1)], ..support::potential(u64::from(t), 0.3) }
+    };
+    let potentials = (0..points).map(potential).collect();
+    parts.coupled = Some(CoupledLaw { range_m: support::RANGE, potentials });
+    parts.responses.clear();
+    Body::new(parts).unwrap()
+}
+
+fn bodies() -> [Body; 6] {
     let (cube, plane) = (cube(), plane(4, 2));
-    [body(&cube, 0.5, 4), body(&cube, f64::INFINITY, 1), body(&plane, 0.5, 15), anisotropic(&plane, 3)]
+    [
+        body(&cube, 0.5, 4),
+        body(&cube, f64::INFINITY, 1),
+        body(&plane, 0.5, 15),
+        anisotropic(&plane, 3),
+        coupled(&plane, 15),
+        coupled(&cube, 3),
+    ]
 }
 
 #[test]
@@ -164,6 +188,7 @@ fn old_files_are_read() {
         ("version-1", body(&cube(), 0.5, 4)),
         ("version-2", anisotropic(&cube(), 4)),
         ("version-3", Body::new(consistent).unwrap()),
+        ("version-4", coupled(&cube(), 4)),
     ] {
         // Programs of that time knew no errors of a fit.
         let mut parts = body.parts();
@@ -313,7 +338,7 @@ fn messages_name_the_place_and_the_mend() {
     refused(&bytes[..bytes.len() - 1], &["tensors", "incomplete"]);
     refused(&[&bytes[..], &[0]].concat(), &["tensors", "incomplete"]);
     changed("\"palpate-body\"", "\"llama\"", &["metadata `schema`", "`llama`", "no body file"]);
-    changed("\"version\":\"1\"", "\"version\":\"4\"", &["metadata `version`", "newer palpate", "update"]);
+    changed("\"version\":\"1\"", "\"version\":\"5\"", &["metadata `version`", "newer palpate", "update"]);
     changed("\"version\":\"1\"", "\"version\":\"-1\"", &["metadata `version`", "`-1`"]);
     changed("\"version\":\"1\"", "\"edition\":\"1\"", &["metadata `version`", "missing"]);
     changed("SI: m, N, J", "mm, N", &["metadata `units`", "mm"]);
@@ -379,6 +404,35 @@ fn messages_name_the_place_and_the_mend() {
         refused(&bytes, &["node 1", "lateral tensor", words]);
     }
 
+    let coupled = coupled(&cube(), 4).to_bytes().unwrap();
+    refused(
+        &with_header(&coupled, "\"version\":\"4\"", "\"version\":\"3\""),
+        &["tensor `lateral_knots_m`", "missing"],
+    );
+    refused(
+        &with_header(&coupled, "coupled_tangents", "coupled_tangent"),
+        &["`coupled_tangents`", "missing"],
+    );
+    refused(&with_header(&coupled, "[4,12,5,4]", "[4,10,6,4]"), &["`coupled_curves`", "[4, 12, 5, 4]"]);
+    let length = u64::from_le_bytes(coupled[..8].try_into().unwrap()) as usize;
+    let header: serde_json::Value = serde_json::from_slice(&coupled[8..8 + length]).unwrap();
+    for (name, at, value, words) in [
+        ("lateral_range_m", 0, 0.0, ["lateral_range_m", "length"]),
+        ("lateral_range_m", 0, f64::NAN, ["lateral_range_m", "length"]),
+        ("coupled_tangents", 7, f64::NAN, ["test point 1", "tangents"]),
+        ("coupled_tangents", 7, 0.5, ["test point 1", "tangents"]),
+        // Quantities have 20 ordinates each, test points 240.
+        ("coupled_curves", 240 + 60, f64::NAN, ["test point 1, K11", "usable"]),
+        ("coupled_curves", 240 + 63, 0.1, ["test point 1, K11", "jumps"]),
+        ("coupled_curves", 240 + 65, -90.0, ["test point 1", "slope of K11 jumps at a depth of 0.500 mm"]),
+        ("coupled_curves", 220, -1.0, ["test point 0", "friction"]),
+    ] {
+        let start = 8 + length + header[name]["data_offsets"][0].as_u64().unwrap() as usize + 8 * at;
+        let mut bytes = coupled.clone();
+        bytes[start..start + 8].copy_from_slice(&f64::to_le_bytes(value));
+        refused(&bytes, &words);
+    }
+
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.body");
     std::fs::write(&path, &bytes[..100]).unwrap();
@@ -390,6 +444,40 @@ fn messages_name_the_place_and_the_mend() {
     assert!(message.contains("no ordinary file"), "{message}");
     let message = Body::open(&folder.path().join("none")).unwrap_err().to_string();
     assert!(message.contains("none") && message.contains("check that"), "{message}");
+}
+
+/// A coupled body in its file gives the patches of one in memory, to the bit.
+#[test]
+fn a_coupled_patch_out_of_the_file_is_that_of_the_body_in_memory() {
+    let mut random = Random(7);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.body");
+    for body in [coupled(&plane(12, 9), 130), coupled(&plane(12, 9), 5), coupled(&cube(), 3)] {
+        for rule in SlipRule::ALL {
+            body.save(&path).unwrap();
+            let whole = Body::open(&path).unwrap();
+            whole.prepare(rule);
+            let stored = StoredBody::open(&path, Some(rule)).unwrap();
+            assert!(stored.outline().is_coupled());
+            let (mut read, mut copied) = (stored.patch(), whole.patch());
+            for _ in 0..20 {
+                let at = body.nodes()[random.below(body.nodes().len())].position.to_array();
+                let count = 1 + random.below(body.elements().len());
+                stored.take(&mut read, at, count, &|| ()).unwrap();
+                copied.take(&whole, at, count);
+                let [a, b] = [&read, &copied].map(|p| p.model().clone());
+                assert_eq!(a, b);
+                assert_eq!(a.gradients(), b.gradients());
+                assert_eq!(a.gradients().is_some(), rule == SlipRule::Consistent);
+                // Nothing of it is the decoupled law's.
+                assert!(a.is_coupled() && !a.potentials().is_empty() && a.responses().is_empty());
+            }
+            let mut seen = Vec::new();
+            stored.each_potential(&mut |p| seen.push(p.clone())).unwrap();
+            assert_eq!(seen, whole.coupled_law().unwrap().potentials);
+            stored.each_response(&mut |_| panic!("a coupled law has no responses")).unwrap();
+        }
+    }
 }
 
 /// xorshift64*
@@ -468,7 +556,7 @@ fn no_damage_gets_in() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.body");
     for round in 0..100_000 {
-        let mut bytes = originals[round % 4].clone();
+        let mut bytes = originals[round % originals.len()].clone();
         for _ in 0..1 + random.below(3) {
             if bytes.len() > 64 {
                 mutate(&mut bytes, &mut random);

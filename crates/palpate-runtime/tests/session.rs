@@ -6,7 +6,9 @@ mod common;
 use common::{Chance, plane, shape, with_field};
 use glam::DVec3;
 use palpate_body::shape::Shape;
-use palpate_body::{Body, BodySource, ContactModel, Extent, Patch, Response, SlipRule, StoredBody, Tensor};
+use palpate_body::{
+    Body, BodySource, ContactModel, Extent, Patch, Potential, Response, SlipRule, StoredBody, Tensor,
+};
 use palpate_device::simulated::{Move, Script};
 use palpate_device::{Capabilities, Command, Device, Fault, OpenError, Sample, Simulated, presets};
 use palpate_engine::{Ablation, Contact};
@@ -298,6 +300,9 @@ impl BodySource for Slow {
     }
     fn nearest(&self, p: DVec3) -> palpate_body::Result<[DVec3; 2]> {
         BodySource::nearest(&*self.body, p)
+    }
+    fn each_potential(&self, visit: &mut dyn FnMut(&Potential)) -> palpate_body::Result<()> {
+        self.body.each_potential(visit)
     }
     fn each_response(&self, visit: &mut dyn FnMut(&Response)) -> palpate_body::Result<()> {
         self.body.each_response(visit)
