@@ -483,8 +483,8 @@ fn value([a, b, c, d, e]: &Row, [p, q, r, s, t]: &[f32; POWERS]) -> Vec4 {
     *a * *p + *b * *q + (*c * *r + *d * *s) + *e * *t
 }
 
-/// The greatest |Σ g (f_t − f_ref)| over the node's own f, of normal and lateral curves alike: by their Bernstein ordinates,
-/// which bound the curves, and the slope past the end. What holds of the forces holds of their integrals.
+/// The most that |Σ g (f_t − f_ref)| can be over the node's own f, of normal and lateral curves alike, the slopes past the
+/// end included. What holds of the forces holds of their integrals.
 fn steepest(terms: &[(u32, DVec3)], node: &Node, curves: &[Response]) -> f64 {
     // A test point that answers nothing.
     const ZEROS: &[[f64; 4]] = &[];
@@ -510,25 +510,50 @@ fn steepest(terms: &[(u32, DVec3)], node: &Node, curves: &[Response]) -> f64 {
                 let b = row(ordinates, i);
                 (0..4).for_each(|k| force[k] += w * b[k]);
             }
-            let [mut x, mut y, mut z] = [[0.0; 4]; 3];
+            let mut slope = [DVec3::ZERO; 4];
             for (t, g) in terms {
                 let b = row(of(*t), i);
-                for k in 0..4 {
-                    let difference = b[k] - base[k];
-                    x[k] += g.x * difference;
-                    y[k] += g.y * difference;
-                    z[k] += g.z * difference;
-                }
+                (0..4).for_each(|k| slope[k] += *g * (b[k] - base[k]));
             }
-            for k in 0..4 {
-                let (slope, force) = (x[k] * x[k] + y[k] * y[k] + z[k] * z[k], force[k] * force[k]);
-                if slope > most * force {
-                    most = slope / force;
-                }
-            }
+            most = most.max(quotient(slope, force, SPLITS));
         }
     }
-    most.sqrt()
+    most
+}
+
+/// How often an interval is halved whose force has ordinates below 0, though it is nowhere below 0 itself.
+const SPLITS: u32 = 12;
+
+/// The most that |slope| can be over force on an interval, by their Bernstein ordinates: where |slope_k| ≤ m force_k for
+/// all k, |slope| ≤ m force. Ordinates below 0 bound nothing, however large: halves have ordinates nearer to the curve.
+/// Infinite where no halving helps.
+fn quotient(slope: [DVec3; 4], force: [f64; 4], splits: u32) -> f64 {
+    // Up to rounding of the interval's largest ordinates.
+    let scale = |of: [f64; 4]| of.iter().fold(0.0f64, |m, x| m.max(x.abs())) * 1e-14;
+    let (sizes, flat) = (slope.map(DVec3::length), scale(force));
+    let steep = scale(sizes);
+    let of = |k: usize| match (sizes[k], force[k]) {
+        (s, f) if s <= steep && f >= -flat => 0.0,
+        (s, f) if f > 0.0 => s / f,
+        _ => f64::INFINITY,
+    };
+    let most = (0..4).map(of).fold(0.0, f64::max);
+    if most < f64::INFINITY || splits == 0 || force.iter().all(|f| *f >= 0.0) {
+        return most;
+    }
+    let ([a, b], [c, d]) = (halves(slope), halves(force));
+    quotient(a, c, splits - 1).max(quotient(b, d, splits - 1))
+}
+
+/// De Casteljau's: the ordinates of the two halves.
+fn halves<T: Copy + std::ops::Add<Output = T> + std::ops::Mul<f64, Output = T>>(
+    [a, b, c, d]: [T; 4],
+) -> [[T; 4]; 2] {
+    let middle = |x: T, y: T| (x + y) * 0.5;
+    let (p, q, r) = (middle(a, b), middle(b, c), middle(c, d));
+    let (s, t) = (middle(p, q), middle(q, r));
+    let m = middle(s, t);
+    [[a, p, s, m], [m, t, r, d]]
 }
 
 /// Σ g (row − row of the reference), in each interval.

@@ -1,10 +1,10 @@
-//! The nodal gradients against a field whose gradient is known.
+//! The nodal gradients against a field whose gradient is known, and their bound.
 
 use glam::DVec3;
 use palpate_body::body::share_knots;
 use palpate_body::{
-    Body, BodyParts, DecoupledEnergies, Known, NodeMix, Provenance, Response, SlipRule, Surface, Tool,
-    TriangleMesh,
+    Body, BodyParts, Curve, DecoupledEnergies, Extension, Interpolation, Known, NodeMix, Provenance, Response, SlipRule,
+    Surface, Tool, TriangleMesh,
 };
 
 /// A right triangle of 3 cm, each side cut into `cells`, tilted in space.
@@ -89,4 +89,111 @@ fn a_linear_field_has_its_gradient_everywhere() {
     }
     let beyond = shared.prepared_gradients().turn(u32::MAX, glam::Vec3A::X);
     assert_eq!(beyond, glam::Vec3A::ZERO);
+}
+
+/// A curve that never falls, by the Bernstein ordinates (d0, d1, d2) of its slope: d1² ≤ d0 d2 where d1 is below 0, so that
+/// the curve's own ordinates may be below 0.
+fn rising(chance: &mut impl FnMut() -> f64, knots: &[f64], flat: bool) -> Curve {
+    let (mut y, mut ordinates) = (0.0, Vec::new());
+    for i in 1..knots.len() {
+        let d0 = if flat && i == 1 { 0.0 } else { chance() };
+        let d2 = (1.0 + 5.0 * chance()) * chance();
+        let d1 = if chance() < 0.5 { -0.999 * (d0 * d2).sqrt() * chance().sqrt() } else { chance() };
+        let third = (knots[i] - knots[i - 1]) * 500.0 / 3.0;
+        ordinates.push([y, y + d0 * third, y + (d0 + d1) * third, y + (d0 + d1 + d2 + 1e-3) * third]);
+        y = ordinates[i - 1][3];
+    }
+    Curve::from_ordinates(knots, &ordinates, Extension::Linear).unwrap()
+}
+
+/// The bound squared the ordinates of the node's own force, which may be below 0 though the force is not: then it was no
+/// bound, and the rule `consistent` could take a state for one within the limit that was not.
+#[test]
+fn the_bound_holds_at_all_deflections() {
+    let mut seed = 11u64;
+    let mut chance = move || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 11) as f64 / (1u64 << 53) as f64
+    };
+    let (mesh, mixes) = triangle(2);
+    let (mut compared, mut infinite, mut below_zero, mut nearest) = (0, 0, 0, 0.0f64);
+    for case in 0..400 {
+        let depth: Vec<f64> = [0.0, 0.5e-3, 2e-3, 6e-3][..2 + case % 3].to_vec();
+        let count = if case % 2 == 0 { 3 } else { mixes.len() };
+        let responses: Vec<Response> = (0..count)
+            .map(|_| {
+                let mut force = 0.0;
+                let steps = depth.iter().zip([&0.0].into_iter().chain(&depth)).map(|(to, from)| to - from);
+                let values: Vec<f64> = steps
+                    .map(|step| {
+                        force += step * (300.0 + 900.0 * chance());
+                        force
+                    })
+                    .collect();
+                let pchip =
+                    |y: &[f64]| Curve::through(&depth, y, Interpolation::Pchip, Extension::Linear).unwrap();
+                // With a flat start where the samples bend that much.
+                let bent: Vec<f64> = depth.iter().zip(&values).map(|(d, v)| v * d * d * 1e5).collect();
+                let friction = vec![0.2; depth.len()];
+                let curve = |chance: &mut _| match case / 3 % 4 {
+                    0 => pchip(&bent),
+                    1 => pchip(&values),
+                    k => rising(chance, &depth, k == 2),
+                };
+                Response {
+                    normal: curve(&mut chance),
+                    lateral: rising(&mut chance, &depth, false),
+                    friction: Curve::through(&depth, &friction, Interpolation::Linear, Extension::Constant)
+                        .unwrap(),
+                }
+            })
+            .collect();
+        let negative = |r: &Response| {
+            r.normal.ordinates().iter().chain(r.lateral.ordinates()).flatten().any(|b| *b < 0.0)
+        };
+        below_zero += usize::from(responses.iter().any(negative));
+        let mixes: Vec<NodeMix> = match count {
+            3 => mixes.iter().map(|&weights| NodeMix { test_points: [0, 1, 2], weights }).collect(),
+            _ => (0..count as u32).map(NodeMix::own).collect(),
+        };
+        let body = body(&mesh, mixes, responses);
+        let responses = body.responses();
+        for i in 0..=60 {
+            for (d, r) in [(1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
+                let at = 8e-3 * (f64::from(i) / 60.0).powi(2);
+                let (d, r) = (d * at, r * at);
+                let rows = (&responses.depth_rows([0; 3], d), &responses.lateral_rows([0; 3], r));
+                let strain = responses.strain([d, r], rows);
+                for (n, node) in body.nodes().iter().enumerate() {
+                    let gradients = body.prepared_gradients();
+                    let most = f64::from(gradients.most(n as u32).energy);
+                    let energies = node.test_points.map(|t| strain.energy(t));
+                    let energy: f64 = (0..3).map(|k| node.weights[k] * energies[k]).sum();
+                    let gradient = gradients.energy(n as u32, node.test_points[0], &strain, &Known::NONE);
+                    if most == f64::INFINITY {
+                        infinite += 1;
+                        continue;
+                    }
+                    compared += 1;
+                    // In single precision; its terms may cancel.
+                    let largest =
+                        (0..body.curves().len() as u32).map(|t| strain.energy(t)).fold(0.0, f64::max);
+                    let (size, rounding) = (f64::from(gradient.length()), 1e-6 * largest / 5e-3);
+                    assert!(
+                        size <= most * energy + rounding,
+                        "case {case}, node {n}, {at} m: {size} {}",
+                        most * energy
+                    );
+                    if size > 1e2 * rounding {
+                        nearest = nearest.max(size / (most * energy));
+                    }
+                }
+            }
+        }
+    }
+    // Infinite only where it has to be: a flat start beside one that is none. Elsewhere it is near what is reached.
+    assert!(
+        compared > 4 * infinite && below_zero > 50 && nearest > 0.9,
+        "{compared} {infinite} {below_zero} {nearest}"
+    );
 }

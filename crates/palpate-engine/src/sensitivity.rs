@@ -4,7 +4,7 @@ use crate::coupled::Coupled;
 use crate::decoupled::{Isotropic, Stretch};
 use crate::drive::{Consistent, Exact, Paper, Rule};
 use crate::field::{Law, Site};
-use crate::lateral::{Lateral, NO_DIRECTION};
+use crate::lateral::Lateral;
 use crate::walk::Rates;
 use glam::DVec3;
 use palpate_body::{ContactModel, SlipRule, SurfacePoint};
@@ -47,14 +47,14 @@ pub(crate) fn lipschitz(
     }
 }
 
-/// For the paper's rule, in closed form.
+/// For the paper's rule, in closed form where the lateral force has a direction.
 fn bound<L: Lateral>(mut site: Site<L>, at: SurfacePoint, tip: DVec3) -> Option<f64> {
     let f = site.evaluate(at.n, tip);
+    if f.pull <= NO_DRIVE * f.pull_slope {
+        return measured::<L, Paper>(site, at, tip);
+    }
     let drift = site.drift(at.n, &f, f.u_t);
     let stick = drift.normal_slope.max(drift.lateral_stiffness);
-    if f.lateral < NO_DIRECTION {
-        return Some(stick);
-    }
     // φ = |f_t| − μ f_z; its gradient in x has a part in the tangent plane and one along û.
     let gradient = drift.pull_gradient.hypot(drift.limit_slope);
     (drift.eta > 0.0).then(|| stick + drift.force.length() * gradient / drift.eta)
@@ -104,12 +104,14 @@ fn measured<L: Lateral, R: Rule>(mut site: Site<L>, at: SurfacePoint, tip: DVec3
     if !(a + d > 0.0 && a * d > skew * skew) {
         return None;
     }
-    let follow = |(_, dx, _): (DVec3, DVec3, f64)| {
+    let follow = |(held, dx, _): (DVec3, DVec3, f64)| {
         let (x, y) = (dx.dot(s), dx.dot(t));
-        (force_s * (d * x - b * y) + force_t * (a * y - c * x)) / determinant
+        held + (force_s * (d * x - b * y) + force_t * (a * y - c * x)) / determinant
     };
     let square: f64 = in_tip.map(|x| follow(x).length_squared()).iter().sum();
-    Some(stick + square.sqrt())
+    // Where friction holds at all, the next step may also stick.
+    let held = if f.limit > NO_DRIVE * f.pull_slope { stick } else { 0.0 };
+    Some(held.max(square.sqrt()))
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 //! element. With f = f_z + f_r and s = f_r/f everything is a mix of two parts, one for each force, that have a direction
 //! also where both forces vanish.
 
-use super::criteria::{Criterion, Frame, Slope, lipschitz};
+use super::criteria::{BELOW, Criterion, Frame, Slope, lipschitz};
 use super::interval::{Box3, Interval, applied, direction, dot, flat, length, scaled, sum};
 use super::patch::{Cell, Patch, View};
 use super::slopes::{Read, Slopes};
@@ -13,13 +13,15 @@ use palpate_body::SlipRule;
 const SHARES: usize = 4;
 /// How much of the gradients, computed in single precision, may be rounding.
 const SINGLE: f64 = 1e-6;
-/// A state on the very limit slips.
-const ROUNDED: f64 = 1.0 - 1e-12;
+/// What the slip search takes for rounding of the drive, as a share of what is taken off the lateral force.
+const NOISE: f64 = 6e-7;
 
 /// The drive g̃ = f_z by₀ + f_r by₁, and g − P g̃ likewise.
 struct Drive {
     by: [Box3; 2],
     miss: [[Interval; 2]; 2],
+    /// What the slip search takes for the drive's rounding.
+    noise: [f64; 2],
 }
 
 /// Rows of matrices along x, y and z, and what the two ways of reading them differ by.
@@ -154,7 +156,7 @@ impl Drive {
             let lever = scaled(levers[k], frame.per_length);
             let tilt = applied(&turning.turn, lever);
             if patch.slip == SlipRule::Exact {
-                return (flat(less(forces[k], sum([mean, tilt]))), [Interval::ZERO; 2]);
+                return (flat(less(forces[k], sum([mean, tilt]))), [Interval::ZERO; 2], 0.0);
             }
             let bent = turned(n, view, frame.u, &nodes);
             let rounding = SINGLE
@@ -169,9 +171,10 @@ impl Drive {
                 dip + miss[i] + dot(turning.miss[i], lever) - bent[i] - frame.u[i] * along_u
                     + Interval::around_zero(rounding)
             };
-            (by, [own(0), own(1)])
+            (by, [own(0), own(1)], NOISE * reaction.iter().map(|x| x.magnitude()).sum::<f64>())
         });
-        Drive { by: [parts[0].0, parts[1].0], miss: [parts[0].1, parts[1].1] }
+        let [(a, b, c), (d, e, f)] = parts;
+        Drive { by: [a, d], miss: [b, e], noise: [c, f] }
     }
 }
 
@@ -210,6 +213,11 @@ fn pull(drive: &Drive, share: Interval) -> Box3 {
     sum([scaled(drive.by[0], rest), scaled(drive.by[1], share)])
 }
 
+/// What the slip search takes for rounding of [`pull`], at most.
+fn noise(drive: &Drive, share: Interval) -> f64 {
+    drive.noise[0] * (1.0 - share.lo) + drive.noise[1] * share.hi
+}
+
 /// The slip states of a cell; none where there are none.
 fn slips(
     patch: &Patch,
@@ -224,11 +232,12 @@ fn slips(
     let pieces = std::array::from_fn(|i| {
         let share = *shares.get(i).filter(|_| i < count)?;
         let vector = pull(drive, share);
-        let (size, limit) = (length(vector), friction.lo.max(0.0) * (1.0 - share.hi) * ROUNDED);
+        let (size, noise) = (length(vector), noise(drive, share));
+        let limit = (friction.lo.max(0.0) * (1.0 - share.hi) * BELOW - noise).max(0.0);
         if size.hi < limit {
             return None;
         }
-        rests |= can_rest(size, friction, share);
+        rests |= can_rest(size, noise, friction, share);
         let along = [vector[0], vector[1]];
         let least = length(flat(vector)).lo.max(limit * flatness);
         Some(Piece { share, least, along, way: direction(along) })
@@ -238,8 +247,8 @@ fn slips(
 }
 
 /// Whether a drive of this size, by the forces, can be within the limit.
-fn can_rest(size: Interval, friction: Interval, share: Interval) -> bool {
-    size.lo * ROUNDED <= friction.hi * (1.0 - share.lo)
+fn can_rest(size: Interval, noise: f64, friction: Interval, share: Interval) -> bool {
+    size.lo * BELOW - noise <= friction.hi * (1.0 - share.lo)
 }
 
 /// Whether a step before a state could have been within the limit.
@@ -265,7 +274,9 @@ fn came_from_rest(patch: &Patch, cell: &Cell, view: &View, frame: &Frame) -> boo
     let frame = Frame::new(patch, &view);
     let drive = Drive::new(patch, slopes, &before, &view, &frame);
     let Some((_, friction, shares, count)) = shares(patch, &before) else { return false };
-    shares.iter().take(count).any(|&share| can_rest(length(pull(&drive, share)), friction, share))
+    let rests =
+        |&share: &Interval| can_rest(length(pull(&drive, share)), noise(&drive, share), friction, share);
+    shares.iter().take(count).any(rests)
 }
 
 /// As [`Criterion::bound`].

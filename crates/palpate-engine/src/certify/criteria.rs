@@ -25,6 +25,9 @@ pub enum Criterion {
 /// proved to be one.
 const SLACK: f64 = 0.01;
 
+/// What drives within the slip search's tolerance of the limit are less or more than it: 10⁻⁶ of it, with some to spare.
+pub(super) const BELOW: f64 = 1.0 - 2e-6;
+
 /// A cell's frame, and where the lateral deflection leads.
 pub(super) struct Frame {
     /// û.
@@ -178,9 +181,7 @@ fn slipping(patch: &Patch, cell: &Cell, frame: &Frame) -> Option<(Interval, Inte
     let normal = patch.normal.rising(n, cell.depth_m);
     let lateral = patch.lateral.rising(n, cell.reach_m);
     let friction = patch.friction.hull(n, cell.depth_m);
-    // A state on the very limit slips.
-    let rounding = 1.0 - 1e-12;
-    if normal.hi <= 0.0 || lateral.hi * frame.gain.hi < friction.lo * normal.lo * rounding {
+    if normal.hi <= 0.0 || lateral.hi * frame.gain.hi < friction.lo * normal.lo * BELOW {
         return None;
     }
     // The tool came from a state within the limit, no farther than a step away.
@@ -188,11 +189,11 @@ fn slipping(patch: &Patch, cell: &Cell, frame: &Frame) -> Option<(Interval, Inte
     let around = [(shallow - step).max(0.0), deep + step];
     let held = patch.friction.hull(n, around).hi * patch.normal.rising(n, around).hi;
     let before = (cell.reach_m[0] - step * patch.stretch()[1].sqrt()).max(0.0);
-    if patch.lateral.rising(n, [before; 2]).lo * frame.gain.lo * rounding > held {
+    if patch.lateral.rising(n, [before; 2]).lo * frame.gain.lo * BELOW > held {
         return None;
     }
     let quotient = |a: f64, b: f64| if a == 0.0 { 0.0 } else { a / b };
-    let low = quotient(lateral.lo, normal.hi).max(friction.lo.max(0.0) / frame.gain.hi);
+    let low = quotient(lateral.lo, normal.hi).max(friction.lo.max(0.0) * BELOW / frame.gain.hi);
     let high = quotient(lateral.hi, normal.lo);
     Some((Interval::new(low, high.max(low)), normal))
 }
