@@ -7,8 +7,9 @@ mod common;
 
 use common::*;
 use glam::DVec3;
-use palpate_body::{Tensor, tensor};
+use palpate_body::{Body, BodyParts, Curve, Extension, Interpolation, Response, SlipRule, Tensor, tensor};
 use palpate_engine::{Ablation, Contact, Output};
+use palpate_identify::spread;
 use std::fmt::Write;
 
 /// Press, drag over edges and vertices, jump, leave, return: 6,000 steps.
@@ -30,16 +31,97 @@ fn path() -> Vec<DVec3> {
     path
 }
 
-fn trace(ablation: Ablation, radius_m: f64, friction: f64, ratio: f64) -> Vec<Output> {
-    let mesh = ellipsoid(DVec3::new(0.03, 0.029, 0.031), 2);
-    let surface = palpate_body::Surface::build(&mesh, f64::INFINITY).unwrap();
-    let kz = |p: DVec3| 600.0 * (1.0 + 0.4 * p.x / 0.03 - 0.2 * p.y * p.z / 9e-4);
-    let kr = |p: DVec3| 500.0 * (1.0 + 0.3 * p.z / 0.03);
-    let feel = Feel { kz: &kz, kr: &kr, friction: &|_| friction, radius_m };
-    let fibres = |p: DVec3, u: DVec3| tensor::along(DVec3::new(0.3, 0.2, 0.4) + p * 5.0, ratio, u).unwrap();
-    let body = stretched(surface, feel, (ratio != 1.0).then_some(&fibres as &dyn Fn(DVec3, DVec3) -> Tensor));
-    let mut contact = Contact::with_ablation(&body, ablation);
-    path().into_iter().map(|p| step(&mut contact, &body, p * (1.0 + radius_m / 0.03))).collect()
+/// What a trace is made with.
+#[derive(Clone, Copy)]
+struct Case {
+    name: &'static str,
+    slip: SlipRule,
+    ablation: Ablation,
+    radius_m: f64,
+    friction: f64,
+    /// So many times as stiff sideways in one direction as in the other.
+    ratio: f64,
+    /// A test point at one vertex in so many.
+    share: usize,
+}
+
+/// The paper's experiment.
+const POINT: Case = Case {
+    name: "point",
+    slip: SlipRule::Paper,
+    ablation: Ablation::None,
+    radius_m: 0.0,
+    friction: 0.3,
+    ratio: 1.0,
+    share: 1,
+};
+
+/// Every rule for a point and a sphere, for isotropic and anisotropic bodies, on curves of several knots with mixes that
+/// neighbours share or that go far.
+const CASES: [Case; 19] = [
+    POINT,
+    Case { name: "frictionless", friction: 0.0, ..POINT },
+    Case { name: "sphere", radius_m: 3e-3, ..POINT },
+    Case { name: "coordinates-off", ablation: Ablation::Coordinates, ..POINT },
+    Case { name: "responses-off", ablation: Ablation::Responses, ..POINT },
+    Case { name: "anisotropic", ratio: 2.0, ..POINT },
+    Case { name: "anisotropic-sphere", radius_m: 3e-3, friction: 0.1, ratio: 4.0, ..POINT },
+    Case { name: "consistent", ..CONSISTENT },
+    Case { name: "consistent-sphere", radius_m: 3e-3, ..CONSISTENT },
+    Case { name: "consistent-anisotropic", ratio: 2.0, ..CONSISTENT },
+    Case { name: "consistent-anisotropic-sphere", radius_m: 3e-3, ratio: 4.0, ..CONSISTENT },
+    Case { name: "exact", ..EXACT },
+    Case { name: "exact-sphere", radius_m: 3e-3, ..EXACT },
+    Case { name: "exact-anisotropic", ratio: 2.0, ..EXACT },
+    Case { name: "exact-anisotropic-sphere", radius_m: 3e-3, ratio: 4.0, ..EXACT },
+    Case { name: "paper-mixed", share: 20, ..POINT },
+    Case { name: "consistent-mixed", share: 20, ..CONSISTENT },
+    Case { name: "consistent-mixed-wide", share: 2, radius_m: 3e-3, ratio: 2.0, ..CONSISTENT },
+    Case { name: "exact-mixed", share: 20, ..EXACT },
+];
+const CONSISTENT: Case = Case { slip: SlipRule::Consistent, ..POINT };
+const EXACT: Case = Case { slip: SlipRule::Exact, ..POINT };
+
+impl Case {
+    fn body(&self) -> Body {
+        let mesh = ellipsoid(DVec3::new(0.03, 0.029, 0.031), 2);
+        let surface = palpate_body::Surface::build(&mesh, f64::INFINITY).unwrap();
+        let kz = |p: DVec3| 600.0 * (1.0 + 0.4 * p.x / 0.03 - 0.2 * p.y * p.z / 9e-4);
+        let kr = |p: DVec3| 500.0 * (1.0 + 0.3 * p.z / 0.03);
+        let feel = Feel { kz: &kz, kr: &kr, friction: &|_| self.friction, radius_m: self.radius_m };
+        let fibres =
+            |p: DVec3, u: DVec3| tensor::along(DVec3::new(0.3, 0.2, 0.4) + p * 5.0, self.ratio, u).unwrap();
+        let fibres = (self.ratio != 1.0).then_some(&fibres as &dyn Fn(DVec3, DVec3) -> Tensor);
+        let body = stretched(surface, feel, fibres);
+        if self.share == 1 { body } else { self.mixed(body) }
+    }
+
+    /// The same with fewer test points, each with a curve of three knots, and friction that grows with depth.
+    fn mixed(&self, body: Body) -> Body {
+        let parts = body.parts();
+        let points: Vec<u32> = (0..body.nodes().len() as u32).step_by(self.share).collect();
+        let knots = [0.0, 1e-3, 2.5e-3, 6e-3];
+        let bend = |node: &u32| {
+            let Response { normal, lateral, .. } = &body.curves()[*node as usize];
+            let through = |value: &dyn Fn(f64) -> f64, extension| {
+                Curve::through(&knots, &knots.map(value), Interpolation::Pchip, extension).unwrap()
+            };
+            Response {
+                normal: through(&|d| normal.value(d), Extension::Linear),
+                lateral: through(&|d| lateral.value(d) * (1.0 - 20.0 * d), Extension::Linear),
+                friction: through(&|d| self.friction * (0.5 + 100.0 * d), Extension::Constant),
+            }
+        };
+        let responses = points.iter().map(bend).collect();
+        let mixes = spread(&parts.surface, &points).unwrap();
+        Body::new(BodyParts { mixes, responses, test_point_nodes: points, ..parts }).unwrap()
+    }
+
+    fn trace(&self) -> Vec<Output> {
+        let body = self.body();
+        let mut contact = Contact::with_slip(&body, self.slip, self.ablation);
+        path().into_iter().map(|p| step(&mut contact, &body, p * (1.0 + self.radius_m / 0.03))).collect()
+    }
 }
 
 fn digest(outputs: &[Output]) -> u64 {
@@ -65,20 +147,11 @@ fn digest(outputs: &[Output]) -> u64 {
 
 #[test]
 fn the_golden_trace_is_the_same_to_the_bit() {
-    let cases = [
-        ("point", Ablation::None, 0.0, 0.3, 1.0),
-        ("frictionless", Ablation::None, 0.0, 0.0, 1.0),
-        ("sphere", Ablation::None, 3e-3, 0.3, 1.0),
-        ("coordinates-off", Ablation::Coordinates, 0.0, 0.3, 1.0),
-        ("responses-off", Ablation::Responses, 0.0, 0.3, 1.0),
-        ("anisotropic", Ablation::None, 0.0, 0.3, 2.0),
-        ("anisotropic-sphere", Ablation::None, 3e-3, 0.1, 4.0),
-    ];
     let mut text = String::from(
         "# case,step,force bits (x, y, z), contact point bits (x, y, z); `all` is a digest of every output\n",
     );
-    for (name, ablation, radius, friction, ratio) in cases {
-        let outputs = trace(ablation, radius, friction, ratio);
+    for case in CASES {
+        let (name, outputs) = (case.name, case.trace());
         assert!(outputs.iter().filter(|o| o.flags.in_contact).count() > 3000, "{name}");
         for (i, o) in outputs.iter().enumerate().step_by(250) {
             let c = o.contact.map_or([0.0; 3], |c| c.position_m);

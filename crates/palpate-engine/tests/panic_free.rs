@@ -55,53 +55,133 @@ fn calls(assembly: &str) -> Calls {
     bodies.into_iter().map(|(function, body)| (function.to_string(), callees(&body))).collect()
 }
 
+/// What is known of a register, along a stretch without labels.
+#[derive(Clone, PartialEq)]
+enum Held<'a> {
+    /// A function's address.
+    Function(&'a str),
+    /// A jump table's address.
+    Table(&'a str),
+    /// An entry of it: how far its target is from the table.
+    Entry(&'a str),
+    /// The sum of both.
+    Target,
+}
+
 fn callees(body: &[&str]) -> BTreeSet<Option<String>> {
     let mut found = BTreeSet::new();
-    // Function addresses in the registers that a call preserves, along a stretch without labels.
-    let mut held: BTreeMap<&str, String> = BTreeMap::new();
+    let mut held: BTreeMap<&str, Held> = BTreeMap::new();
     for line in body {
         let mut words = line.split_whitespace();
         let Some(operation) = words.next() else { continue };
         if operation.ends_with(':') {
             held.clear();
         }
-        let Some(operand) = words.next() else { continue };
-        let jump = operation.starts_with('j');
-        if !operation.starts_with("call") && !jump {
-            let written = line.rsplit([',', ' ', '\t']).next().unwrap_or("");
-            held.retain(|register, _| !same_register(register, written));
-            let load = operand.split_once("@GOTPCREL").filter(|_| operation == "movq");
-            if let (Some((symbol, _)), Some(register)) = (load, PRESERVED.iter().find(|r| **r == written)) {
-                held.insert(register, symbol.to_string());
-            }
+        if operation.ends_with(':') || operation.starts_with('.') {
             continue;
         }
-        match operand.strip_prefix('*') {
+        let operands: Vec<&str> = words.flat_map(|w| w.split_inclusive([')', ','])).collect();
+        let operands = operands.concat();
+        let jump = operation.starts_with('j');
+        if !operation.starts_with("call") && !jump {
+            follow(&mut held, body, operation, &operands);
+            continue;
+        }
+        match operands.strip_prefix('*') {
             // Jumps within the function go to local labels, or through a table of them.
-            _ if operand.starts_with(".L") => {}
+            _ if operands.starts_with(".L") => {}
             None => {
-                found.insert(Some(operand.trim_end_matches("@PLT").to_string()));
+                found.insert(Some(operands.trim_end_matches("@PLT").to_string()));
             }
             Some(slot) if slot.contains("@GOTPCREL") => {
                 found.insert(slot.split('@').next().map(String::from));
             }
-            Some(_) if jump && body.iter().any(|l| l.contains(".LJTI")) => {}
-            Some(register) => {
-                found.insert(held.get(register).cloned());
-            }
+            Some(register) => match family(register).and_then(|r| held.get(r)) {
+                Some(Held::Target) if jump => {}
+                Some(Held::Function(name)) => {
+                    found.insert(Some(name.to_string()));
+                }
+                _ => {
+                    found.insert(None);
+                }
+            },
+        }
+        if !jump {
+            held.retain(|register, _| PRESERVED.contains(register));
         }
     }
     found
 }
 
-const PRESERVED: [&str; 6] = ["%rbx", "%rbp", "%r12", "%r13", "%r14", "%r15"];
+/// What an instruction that neither calls nor jumps makes of the registers.
+fn follow<'a>(held: &mut BTreeMap<&'a str, Held<'a>>, body: &[&'a str], operation: &str, operands: &str) {
+    // Those that write more than their last operand.
+    let hidden = ["mul", "div", "imul", "idiv", "xchg", "xadd", "cmpxchg", "rep", "lock", "cpuid"];
+    let several = hidden.iter().any(|o| operation.starts_with(o)) && !operation.starts_with("imul")
+        || operation.starts_with("imul") && !operands.contains(',');
+    let Some(written) = operands.rsplit(',').next().filter(|o| !o.is_empty() && !several) else {
+        held.clear();
+        return;
+    };
+    let Some(register) = family(written) else { return };
+    let source = operands[..operands.len() - written.len()].trim_end_matches(',');
+    // Names that live as long as the body.
+    let name = |mark: &str| body.iter().find_map(|l| l.split([' ', '\t', '*']).find(|w| w.starts_with(mark)));
+    let value = match operation {
+        "movq" => source
+            .split_once("@GOTPCREL")
+            .and_then(|(symbol, _)| name(&format!("{symbol}@")))
+            .and_then(|word| word.split('@').next())
+            .map(Held::Function),
+        "leaq" => source.strip_suffix("(%rip)").and_then(|table| own_table(body, table)).map(Held::Table),
+        "movslq" => (source.strip_prefix('(').and_then(|s| s.strip_suffix(",4)")))
+            .and_then(|s| family(s.split(',').next()?))
+            .and_then(|base| match held.get(base) {
+                Some(Held::Table(table)) => Some(Held::Entry(table)),
+                _ => None,
+            }),
+        "addq" => match (family(source).and_then(|s| held.get(s)), held.get(register)) {
+            (Some(Held::Table(a)), Some(Held::Entry(b))) if a == b => Some(Held::Target),
+            (Some(Held::Entry(a)), Some(Held::Table(b))) if a == b => Some(Held::Target),
+            _ => None,
+        },
+        _ => None,
+    };
+    match value {
+        Some(value) => held.insert(register, value),
+        None => held.remove(register),
+    };
+}
 
-/// Whether an operand is the register or a part of it.
-fn same_register(register: &str, operand: &str) -> bool {
-    let number = &register[2..];
-    operand
-        .strip_prefix('%')
-        .is_some_and(|o| o.contains(&number[..number.len().min(2)]) || o.starts_with(&number[..1]))
+/// The table's label, if it stands in this function and leads to nothing but labels in it.
+fn own_table<'a>(body: &[&'a str], table: &str) -> Option<&'a str> {
+    let start = body.iter().position(|l| l.strip_suffix(':') == Some(table))?;
+    let label = body[start].strip_suffix(':').filter(|l| l.starts_with(".LJTI"))?;
+    let entries: Vec<_> = body[start + 1..].iter().map_while(|l| l.trim().strip_prefix(".long")).collect();
+    let local = |entry: &&str| {
+        let target = entry.trim().strip_suffix(&format!("-{label}"));
+        target.is_some_and(|t| body.iter().any(|l| l.strip_suffix(':') == Some(t)))
+    };
+    (!entries.is_empty() && entries.iter().all(local)).then_some(label)
+}
+
+/// Registers that a call preserves.
+const PRESERVED: [&str; 6] = ["bx", "bp", "12", "13", "14", "15"];
+
+/// The register that an operand is, or is a part of.
+fn family(operand: &str) -> Option<&'static str> {
+    const NAMES: [&str; 16] =
+        ["ax", "bx", "cx", "dx", "si", "di", "bp", "sp", "8", "9", "10", "11", "12", "13", "14", "15"];
+    let name = operand.strip_prefix('%')?;
+    let number = name.strip_prefix('r').map(|n| n.trim_end_matches(['d', 'w', 'b']));
+    NAMES.into_iter().find(|&n| match n.parse::<u8>() {
+        Ok(_) => number == Some(n),
+        // rax, eax, ax, al, ah; rsi, esi, si, sil.
+        Err(_) => {
+            name.trim_start_matches(['r', 'e']) == n
+                || name.strip_suffix(['l', 'h']).is_some_and(|s| s == n || s == n.trim_end_matches('x'))
+        }
+    })
 }
 
 fn reachable(calls: &Calls, from: &str) -> Result<BTreeSet<String>, String> {
@@ -141,4 +221,39 @@ fn nothing_that_a_step_calls_can_panic_allocate_lock_or_wait() {
     // That the check can fail: making a body allocates.
     let new = find("palpate_body4body4Body3new").unwrap();
     assert!(reachable(&all, &new).is_err());
+}
+
+/// A jump through a register was accepted wherever the function had a jump table at all.
+#[test]
+fn only_a_functions_own_table_may_be_jumped_through() {
+    let refused = |function: &str| {
+        let table = "\t.section\t.rodata\n.LJTI0_0:\n\t.long\t.LBB0_1-.LJTI0_0\n\t.long\t.LBB0_2-.LJTI0_0\n";
+        let other = "\t.type\tg,@function\ng:\n.LBB1_1:\n\tretq\n.LJTI1_0:\n\t.long\t.LBB1_1-.LJTI1_0\n";
+        let text =
+            format!("\t.type\tf,@function\nf:\n{function}.LBB0_1:\n\tretq\n.LBB0_2:\n\tretq\n{table}{other}");
+        reachable(&calls(&text), "f").is_err()
+    };
+    let lines = |lines: &[&str]| lines.iter().map(|l| format!("\t{l}\n")).collect::<String>();
+    let load = ["leaq\t.LJTI0_0(%rip), %rcx", "movslq\t(%rcx,%rax,4), %rdx", "addq\t%rcx, %rdx"];
+    let with = |after: &[&str]| lines(&[&load[..], after].concat());
+
+    assert!(!refused(&with(&["jmpq\t*%rdx"])));
+    assert!(!refused(&with(&["movq\t%rax, (%rdx)", "xorl\t%ecx, %ecx", "jmpq\t*%rdx"])));
+    // A jump to anywhere, beside a table.
+    assert!(refused(&with(&["jmpq\t*%rax"])));
+    assert!(refused(&lines(&["jmpq\t*%rax"])));
+    // What was loaded is changed, or may be what another way to the label left there.
+    assert!(refused(&with(&["movl\t%esi, %edx", "jmpq\t*%rdx"])));
+    assert!(refused(&with(&["mulq\t%rsi", "jmpq\t*%rdx"])));
+    assert!(refused(&with(&["callq\tg", "jmpq\t*%rdx"])));
+    assert!(refused(&format!("{}.LBB0_3:\n\tjmpq\t*%rdx\n", with(&[]))));
+    // Half of it, and another function's table.
+    assert!(refused(&lines(&[load[0], load[1], "jmpq\t*%rdx"])));
+    assert!(refused(&lines(&[load[0], "jmpq\t*%rcx"])));
+    assert!(refused(&with(&["jmpq\t*%rdx"]).replace("LJTI0_0", "LJTI1_0")));
+    // Through a table nothing is called; through the global offset table what it names is.
+    assert!(refused(&with(&["callq\t*%rdx"])));
+    assert!(!refused(&lines(&["movq\tg@GOTPCREL(%rip), %r14", "callq\t*%r14", "callq\t*%r14"])));
+    assert!(refused(&lines(&["movq\th@GOTPCREL(%rip), %r14", "callq\t*%r14"])));
+    assert!(refused(&lines(&["movq\tg@GOTPCREL(%rip), %r14", "popq\t%r14", "callq\t*%r14"])));
 }

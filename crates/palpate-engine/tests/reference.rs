@@ -5,10 +5,11 @@ mod slow;
 
 mod common;
 
+use common::made::{Making, made_body};
 use common::*;
 use glam::DVec3;
 use palpate_body::{Body, SlipRule, TriangleMesh};
-use palpate_engine::{Ablation, Contact};
+use palpate_engine::Contact;
 use proptest::prelude::*;
 use slow::Reference;
 
@@ -20,6 +21,24 @@ fn mesh(kind: usize) -> TriangleMesh {
         3 => cylinder(0.03, 0.1, 24, 11),
         _ => patch(0.08, 9),
     }
+}
+
+/// A random body, plain or as `fit` makes it: then for a point or a sphere with radii up to `largest`, m.
+fn body(made: bool, kind: usize, rng: &mut Chance, making: Making, largest: f64) -> Body {
+    let Making { spread, friction, ratio, slip, .. } = making;
+    if !made {
+        return ruled(&anisotropic(&mesh(kind), rng, spread, friction, ratio), slip);
+    }
+    let radius_m = if rng.below(2) == 0 { 0.0 } else { rng.range(0.1, 1.0) * largest };
+    made_body(&mesh(kind), rng, &Making { radius_m, ..making })
+}
+
+fn making(spread: f64, friction: f64, ratio: f64, slip: SlipRule) -> Making {
+    Making { spread, friction, bare: true, ratio, radius_m: 0.0, slip }
+}
+
+fn sort(made: bool) -> &'static str {
+    if made { "made" } else { "plain" }
 }
 
 /// From above a random element: in, about, and out again.
@@ -34,7 +53,7 @@ fn path(body: &Body, rng: &mut Chance, steps: usize, spacing: f64) -> Vec<DVec3>
     let side = inward.cross(rng.direction()).normalize();
     let other = inward.cross(side);
     let (bend, deep) = (rng.range(-3.0, 3.0), rng.range(1e-3, 4e-3));
-    let mut x = p - inward * 3.37e-4;
+    let mut x = p - inward * (3.37e-4 + body.tool().radius_m());
     let mut path = vec![x];
     let down = (deep / spacing) as usize;
     for i in 0..steps {
@@ -45,9 +64,9 @@ fn path(body: &Body, rng: &mut Chance, steps: usize, spacing: f64) -> Vec<DVec3>
     path
 }
 
-/// Largest difference of the two forces, relative to the largest force, or to 0.1 N: near the surface the friction limit
-/// is far smaller than a step, and the direction of slip is the step size's.
-fn difference(body: &Body, path: &[DVec3]) -> f64 {
+/// The largest difference of the two forces, relative to the largest force, or to 0.1 N: near the surface the friction
+/// limit is far smaller than a step, and the direction of slip is the step size's. And how many steps slipped.
+fn difference(body: &Body, path: &[DVec3]) -> (f64, u64) {
     let (mut fast, mut slow) = (Contact::new(body), Reference::new(body, SlipRule::Paper));
     let (mut worst, mut largest) = (0.0f64, 0.0f64);
     for &x in path {
@@ -58,34 +77,39 @@ fn difference(body: &Body, path: &[DVec3]) -> f64 {
         worst = worst.max((force(&output) - expected).length());
         largest = largest.max(expected.length());
     }
-    worst / largest.max(0.1)
+    (worst / largest.max(0.1), fast.counters().slips)
 }
 
-proptest! {
-    #![proptest_config(cases(16))]
-
-    /// They slip in other step sizes, so they agree better the finer the path is sampled.
-    #[test]
-    fn the_fast_step_follows_the_slow_one(seed in any::<u64>(), kind in 0usize..5, ratio in ratio(4.0)) {
+/// They slip in other step sizes, so they agree better the finer the path is sampled. For points alone: the slow step's
+/// onset knows no spheres.
+#[test]
+fn the_fast_step_follows_the_slow_one() {
+    let judged = Judged::default();
+    proptest!(cases(32), |(seed in any::<u64>(), kind in 0usize..5, made in any::<bool>(), ratio in ratio(4.0))| {
         let mut rng = Chance::new(seed);
         let friction = rng.range(0.1, 0.5);
-        let body = anisotropic(&mesh(kind), &mut rng, 0.35, friction, ratio);
+        let body = body(made, kind, &mut rng, making(0.35, friction, ratio, SlipRule::Paper), 0.0);
         let coarse = path(&body, &mut rng, 120, 1e-4);
-        let error = difference(&body, &coarse);
+        let (error, slid) = difference(&body, &coarse);
         prop_assert!(error < 5e-2, "{error}");
         let fine: Vec<DVec3> = coarse
             .windows(2)
             .flat_map(|w| (0..8).map(move |i| w[0] + (w[1] - w[0]) * (i as f64 / 8.0)))
             .collect();
-        let finer = difference(&body, &fine);
+        let (finer, _) = difference(&body, &fine);
         prop_assert!(finer < (0.3 * error).max(3e-4), "{error} {finer}");
-    }
+        judged.add(sort(made), slid);
+    });
+    judged.demand(2, 500);
+}
 
-    /// At the contact point that the fast step found, the force is the law's, and within the friction limit.
-    #[test]
-    fn force_and_limit_are_the_laws(seed in any::<u64>(), kind in 0usize..5, ratio in ratio(20.0)) {
+/// At the contact point that the fast step found, the force is the law's, and within the friction limit.
+#[test]
+fn force_and_limit_are_the_laws() {
+    let judged = Judged::default();
+    proptest!(cases(32), |(seed in any::<u64>(), kind in 0usize..5, made in any::<bool>(), ratio in ratio(20.0))| {
         let mut rng = Chance::new(seed);
-        let body = anisotropic(&mesh(kind), &mut rng, 0.5, 0.3, ratio);
+        let body = body(made, kind, &mut rng, making(0.5, 0.3, ratio, SlipRule::Paper), 6e-3);
         let spacing = rng.range(1e-5, 2e-3);
         let path = path(&body, &mut rng, 300, spacing);
         let slow = Reference::new(&body, SlipRule::Paper);
@@ -108,24 +132,28 @@ proptest! {
             prop_assert!(excess <= 1.1e-6 * reading.limit + 1e-8, "{excess} over {}", reading.limit);
             if output.flags.slipping && reading.limit > 1e-6 {
                 prop_assert!(excess >= -1.1e-6 * reading.limit - 1e-8, "slipped too far: {excess}");
+                judged.add(sort(made), 1);
             }
         }
         prop_assert!(imbalance(&step(&mut contact, &body, path[0])) < 1e-9);
-    }
+    });
+    judged.demand(2, 200);
+}
 
-    /// Where the rule `consistent` or `exact` has slipped, the drive of the slow step is at the limit; and elsewhere within
-    /// it. Its energies are differenced, so that no formula is shared.
-    #[test]
-    fn drive_and_limit_are_the_rules(
-        seed in any::<u64>(), kind in 0usize..5, exact in any::<bool>(), ratio in ratio(10.0),
-    ) {
+/// Where the rule `consistent` or `exact` has slipped, the drive of the slow step is at the limit; and elsewhere within
+/// it. Its energies are differenced, so that no formula is shared.
+#[test]
+fn drive_and_limit_are_the_rules() {
+    let judged = Judged::default();
+    proptest!(cases(32), |(
+        seed in any::<u64>(), kind in 0usize..5, made in any::<bool>(), exact in any::<bool>(), ratio in ratio(10.0),
+    )| {
         let mut rng = Chance::new(seed);
         let rule = if exact { SlipRule::Exact } else { SlipRule::Consistent };
-        let body = anisotropic(&mesh(kind), &mut rng, 0.35, 0.3, ratio);
+        let body = body(made, kind, &mut rng, making(0.35, 0.3, ratio, rule), 6e-3);
         let path = path(&body, &mut rng, 60, 2e-4);
         let slow = Reference::new(&body, rule);
-        let mut contact = Contact::with_slip(&body, rule, Ablation::None);
-        let mut slipped = 0;
+        let mut contact = Contact::new(&body);
         for &x in &path {
             let output = step(&mut contact, &body, x);
             let Some(at) = output.contact else { continue };
@@ -137,11 +165,12 @@ proptest! {
             let reading = slow.read(element, c, x);
             let excess = slow.drive(&reading, element, c, x).length() - reading.limit;
             prop_assert!(excess <= 2e-6 * (reading.limit + reading.fr) + 1e-6, "{excess} over {}", reading.limit);
+            // The exact rule may stop earlier, at an edge where the drive turns round.
             if output.flags.slipping && reading.limit > 1e-6 && !exact {
                 prop_assert!(excess >= -2e-6 * (reading.limit + reading.fr) - 1e-6, "slipped too far: {excess}");
-                slipped += 1;
             }
+            judged.add(format!("{rule:?}, {}", sort(made)), u64::from(output.flags.slipping));
         }
-        prop_assert!(exact || slipped > 0 || contact.counters().onsets == 0 || contact.counters().slips < 3);
-    }
+    });
+    judged.demand(4, 50);
 }

@@ -7,6 +7,11 @@ use palpate_body::{
 };
 use palpate_engine::{Contact, Output, ToolPose};
 use proptest::strategy::Strategy;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::fmt::Display;
+
+pub mod made;
 
 /// `count` cases, the same ones in every run; `PROPTEST_CASES` asks for more.
 pub fn cases(count: u32) -> proptest::test_runner::Config {
@@ -17,6 +22,23 @@ pub fn cases(count: u32) -> proptest::test_runner::Config {
         failure_persistence: None,
         max_global_rejects: 100_000,
         ..Default::default()
+    }
+}
+
+/// How much a property was judged on, kind by kind: one that exempts everything must fail.
+#[derive(Default)]
+pub struct Judged(RefCell<BTreeMap<String, u64>>);
+
+impl Judged {
+    pub fn add(&self, kind: impl Display, count: u64) {
+        *self.0.borrow_mut().entry(kind.to_string()).or_default() += count;
+    }
+
+    /// Exactly so many kinds, each judged at least so often.
+    pub fn demand(&self, kinds: usize, least: u64) {
+        let judged = self.0.borrow();
+        println!("judged: {judged:?}");
+        assert!(judged.len() == kinds && judged.values().all(|&n| n >= least), "judged: {judged:?}");
     }
 }
 
