@@ -111,9 +111,10 @@ pub struct Counters {
     pub onsets: u64,
     /// Steps with slip.
     pub slips: u64,
-    /// Evaluations of the force law while slipping.
+    /// Evaluations of the force law, derivatives too, beyond the one with which every step in contact begins. With the
+    /// crossings at most 512 a step.
     pub evaluations: u64,
-    /// Edges crossed.
+    /// Edges crossed, and elements looked at around a vertex or across an edge for a start direction.
     pub crossings: u64,
     /// Steps in which an edge or vertex held the contact point.
     pub blocked: u64,
@@ -128,6 +129,24 @@ pub struct Counters {
     /// Steps in contact in which the rule `consistent` found no gradients in the body and slipped as `paper` does: the
     /// body is not the one that the contact was made for.
     pub underived: u64,
+}
+
+impl Counters {
+    /// A step that ended with these flags.
+    #[inline]
+    pub(crate) fn count(&mut self, flags: &Flags) {
+        for (count, happened) in [
+            (&mut self.onsets, flags.onset),
+            (&mut self.slips, flags.slipping),
+            (&mut self.blocked, flags.blocked),
+            (&mut self.fenced, flags.fenced),
+            (&mut self.capped, flags.capped),
+            (&mut self.invalid_poses, flags.invalid_pose),
+            (&mut self.contained, flags.contained),
+        ] {
+            *count += u64::from(happened);
+        }
+    }
 }
 
 /// One sample of what a device renders.
