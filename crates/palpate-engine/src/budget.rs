@@ -14,10 +14,8 @@ pub(crate) struct Budget {
 }
 
 impl Budget {
-    /// Evaluations and crossings that a step makes at most, together; one look around a vertex takes up to 256 of them.
-    ///
-    /// The one evaluation that every step in contact begins with, and one for each further place that it tries, at most
-    /// [`crate::contact::PLACES`], come on top.
+    /// Evaluations and crossings that a step makes at most, together, besides the evaluation with which every step in contact
+    /// begins. One look around a vertex may take 256 of them, a step on a smooth body takes some four.
     pub const STEP: u32 = 512;
 
     /// What a search that has to stop may still take, to read the law where it left the contact point.
@@ -41,10 +39,12 @@ impl Budget {
         self.evaluations += 1;
     }
 
-    /// An edge is crossed, or an element looked at.
+    /// An edge is crossed, or an element looked at; false if it must not be.
     #[inline(always)]
-    pub fn cross(&mut self) {
-        self.left = self.left.saturating_sub(1);
-        self.crossings += 1;
+    pub fn cross(&mut self) -> bool {
+        let may = self.left > 0;
+        self.left -= u32::from(may);
+        self.crossings += u32::from(may);
+        may
     }
 }

@@ -11,13 +11,12 @@
 //!
 //! Where a step ends ([`Found`], and [`State::after`] for what follows): δz is read where the contact point came to rest.
 //! It is that of the last step, or else the first touch on the tool's way. If there is no depth at its end, that contact
-//! has ended, or come to nothing, and what else lies on the way is tried ([`Contact::leave`]): the places where the
-//! tool's reference point goes through the surface, at most [`CROSSINGS`] of them, and the nearest one at the end. A
-//! contact that comes to nothing leaves no trace: not in the ledger, the counters or the next search's first guess.
+//! has ended, or come to nothing, and what else lies on the way is tried ([`Contact::leave`]): where the straight way from
+//! there to the tool enters the surface, and then the nearest place at its end. A contact that comes to nothing leaves no
+//! trace: not in the ledger, the counters or the next search's first guess.
 //!
-//! So nothing is tunnelled through by a reference point that crosses at most [`CROSSINGS`] sheets in a step without
-//! staying in one. A part of a sphere that reaches over a thin edge or corner, and past it within the same step, while its
-//! centre goes by beside it, does not touch it.
+//! So no sheet is tunnelled through, at any speed, unless a step enters and leaves more than [`CROSSINGS`] before it. What
+//! a sphere reaches over with its rim alone, and has passed by the end of the step, it does not touch.
 
 use crate::budget::Budget;
 use crate::drive::{Consistent, Drive, Exact, Paper, Rule};
@@ -27,14 +26,12 @@ use crate::output::{ContactPoint, Counters, Flags, Ledger, Output, ToolPose};
 use crate::sensitivity;
 use crate::slip::{self, End, Pace};
 use glam::DVec3;
-use palpate_body::{Body, ContactModel, SlipRule, SurfacePoint};
+use palpate_body::{Body, ContactModel, Nearest, SlipRule, SurfacePoint, Touch};
 
 /// Inside the surface by no more than this (m) counts as on it: a segment starting there still catches the surface.
 const ON_SURFACE: f64 = 1e-9;
-/// How many crossings of the surface are tried after the first touch of a step.
+/// How many crossings of the surface are tried after a contact that has ended.
 const CROSSINGS: u32 = 4;
-/// How far behind a crossing the next one is looked for, m.
-const BEYOND: f64 = 1e-6;
 
 /// All that evolves while one tool touches one body: fixed in size, without a pointer to the body.
 ///
@@ -120,11 +117,32 @@ impl State {
 /// A step on its way.
 struct Step<'b> {
     body: &'b ContactModel,
-    /// Where the contact began, or the tool was the step before.
+    /// Where the tool was the step before, or touched the surface first.
     from: DVec3,
     tip: DVec3,
     flags: Flags,
     budget: Budget,
+    /// Questions to the surface so far.
+    queries: u32,
+}
+
+impl Step<'_> {
+    fn first_touch(&mut self, from: DVec3, radius: f64) -> Option<Touch> {
+        self.queries += 1;
+        self.body.first_touch(from, self.tip, radius)
+    }
+
+    /// Of the tool.
+    fn nearest(&mut self) -> Option<Nearest> {
+        self.queries += 1;
+        self.body.nearest(self.tip, f64::INFINITY)
+    }
+
+    /// Of the tool; `near` is an element that may be.
+    fn clearance(&mut self, near: u32) -> (f64, u32) {
+        self.queries += 1;
+        self.body.clearance(self.tip, near)
+    }
 }
 
 impl Contact {
@@ -253,11 +271,12 @@ impl Contact {
             self.counters.count(&flags);
             return self.untouched(flags);
         };
-        let mut step = Step { body, from: tip, tip, flags, budget: Budget::new(self.budget) };
+        let mut step = Step { body, from: tip, tip, flags, budget: Budget::new(self.budget), queries: 0 };
         let output = self.stages::<L, R>(&mut step);
         self.counters.count(&output.flags);
         self.counters.evaluations += u64::from(step.budget.evaluations);
         self.counters.crossings += u64::from(step.budget.crossings);
+        self.counters.queries += u64::from(step.queries);
         self.counters.underived += u64::from(output.flags.in_contact && !R::is_ready(body));
         output
     }
@@ -325,18 +344,18 @@ impl Contact {
         near: u32,
         hovering: bool,
     ) -> Option<SurfacePoint> {
-        let (body, tip, radius) = (step.body, step.tip, self.law.radius_m);
-        if let Some(touch) = body.first_touch(from, tip, radius) {
+        let (tip, radius) = (step.tip, self.law.radius_m);
+        if let Some(touch) = step.first_touch(from, radius) {
             step.from = from + (tip - from) * touch.fraction;
             return Some(self.settle::<L, R>(step, touch.at));
         }
         if !hovering {
-            let (clear, near) = body.clearance(tip, near);
+            let (clear, near) = step.clearance(near);
             self.state = State::after(Found::Clear { clear: self.clear(clear), near }, tip);
             return None;
         }
         step.from = from;
-        let nearest = body.nearest(tip, f64::INFINITY)?;
+        let nearest = step.nearest()?;
         if nearest.outside && nearest.distance >= radius {
             let clear = self.clear(nearest.distance);
             self.state = State::after(Found::Clear { clear, near: nearest.at.element }, tip);
@@ -356,7 +375,7 @@ impl Contact {
     #[inline(never)]
     fn look_around<L: Lateral, R: Rule>(&mut self, step: &mut Step) -> bool {
         let (body, tip) = (step.body, step.tip);
-        let Some(nearest) = body.nearest(tip, f64::INFINITY) else { return false };
+        let Some(nearest) = step.nearest() else { return false };
         let (near, outward) = (nearest.at.element, body.outward(nearest.at.element));
         let gap = if nearest.outside { nearest.distance } else { -nearest.distance } - self.law.radius_m;
         if gap >= -ON_SURFACE {
@@ -441,7 +460,6 @@ impl Contact {
         new: Option<(Ledger, Guess)>,
     ) -> Output {
         let (body, tip, radius) = (step.body, step.tip, self.law.radius_m);
-        let mut start = step.from;
         match new {
             Some(kept) => {
                 self.restore(kept);
@@ -450,10 +468,6 @@ impl Contact {
             None => {
                 self.energy.slip(0.0);
                 step.flags.released = true;
-                // From where the tool came out over the contact point's plane.
-                let before = (start - field.c).dot(field.u()) + radius;
-                let fraction = (before / (before - field.depth)).clamp(0.0, 1.0);
-                start += (tip - start) * fraction + body.outward(at.element) * (2.0 * ON_SURFACE);
             }
         }
         if end == End::Border {
@@ -462,21 +476,19 @@ impl Contact {
             self.look_around::<L, R>(step);
             return self.untouched(step.flags);
         }
-        let Some(nearest) = body.nearest(tip, f64::INFINITY) else { return self.untouched(step.flags) };
-        let left = (tip - start).length();
-        // Nothing is nearer than the way is long: then nothing was crossed.
-        let mut crossings = if nearest.outside && nearest.distance > left { 0 } else { CROSSINGS };
-        if new.is_some() && radius == 0.0 {
-            // This crossing has been tried.
-            start += (tip - start).normalize_or_zero() * BEYOND;
-        }
-        while crossings > 0 && (tip - start).dot(tip - step.from) > 0.0 {
-            let Some(touch) = body.first_touch(start, tip, 0.0) else { break };
-            if let Some(output) = self.try_at::<L, R>(step, touch.at, true) {
-                return output;
+        let Some(nearest) = step.nearest() else { return self.untouched(step.flags) };
+        // From the surface's outer side at the contact point to the tool: what is entered on the way, of what may be near
+        // enough.
+        let mut start = self.resting(body, at, field);
+        for _ in 0..CROSSINGS {
+            if nearest.outside && nearest.distance > tip.distance(start) {
+                break;
             }
-            start += (tip - start) * touch.fraction + (tip - start).normalize_or_zero() * BEYOND;
-            crossings -= 1;
+            let Some(touch) = step.first_touch(start, 0.0) else { break };
+            match self.try_at::<L, R>(step, touch.at) {
+                Ok(output) => return output,
+                Err(rest) => start = rest,
+            }
         }
         let inside = !nearest.outside && nearest.distance > ON_SURFACE;
         let near = nearest.at.element;
@@ -486,42 +498,44 @@ impl Contact {
                 State::Free { tip: tip + out, asked_at: tip, clear: self.clear(nearest.distance), near };
             return self.untouched(step.flags);
         }
-        if let Some(output) = self.try_at::<L, R>(step, nearest.at, false) {
+        if let Ok(output) = self.try_at::<L, R>(step, nearest.at) {
             return output;
         }
         self.state = State::after(Found::Near { near }, tip);
         self.untouched(step.flags)
     }
 
-    /// A contact at this place, if it has depth there; else everything stays as it was.
+    /// A contact at this place, if it has depth there. Else everything stays as it was, and the tool would have come to
+    /// rest where it says.
     fn try_at<L: Lateral, R: Rule>(
         &mut self,
         step: &mut Step,
         mut at: SurfacePoint,
-        on_the_way: bool,
-    ) -> Option<Output> {
-        if step.budget.is_spent() {
-            return None;
-        }
+    ) -> Result<Output, DVec3> {
         let (kept, flags) = (self.kept(), step.flags);
         let mut site = Site::<L>::new(step.body, self.law, at.element);
         step.budget.evaluate();
         let mut field = site.evaluate(at.n, step.tip);
-        if on_the_way || !flags.released {
+        if (step.from - field.c).dot(field.u()) + self.law.radius_m <= 0.0 {
             self.energy.stick(field.energy);
         } else {
-            // The tool was inside already, and no work of its way leads here: the ledger says that it was generated.
+            // The tool was this deep before: no work leads here, and the ledger says that the energy was generated.
             self.energy.slip(field.energy);
         }
         let (end, drive) = self.slip::<L, R>(&mut site, &mut at, &mut field, step);
         if field.depth > 0.0 && end != End::Border {
             step.flags.reanchored = flags.released;
             step.flags.onset = !flags.released;
-            return Some(self.answer(at, &field, end, &drive, step));
+            return Ok(self.answer(at, &field, end, &drive, step));
         }
         self.restore(kept);
         step.flags = flags;
-        None
+        Err(self.resting(step.body, at, &field))
+    }
+
+    /// The tool's place where it just touches the contact point, a hair above.
+    fn resting(&self, body: &ContactModel, at: SurfacePoint, field: &Field) -> DVec3 {
+        field.c - field.u() * self.law.radius_m + body.outward(at.element) * (2.0 * ON_SURFACE)
     }
 
     fn kept(&self) -> (Ledger, Guess) {

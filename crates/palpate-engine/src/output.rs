@@ -116,6 +116,8 @@ pub struct Counters {
     pub evaluations: u64,
     /// Edges crossed, and elements looked at around a vertex or across an edge for a start direction.
     pub crossings: u64,
+    /// Searches of the surface for a first touch, a clearance or a nearest point; in free space most steps need none.
+    pub queries: u64,
     /// Steps in which an edge or vertex held the contact point.
     pub blocked: u64,
     /// Steps in which the edge of a patch held the contact point.

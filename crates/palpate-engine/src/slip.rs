@@ -145,10 +145,7 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
         }
         let (body, law, tip, budget) = (self.site.body, self.site.law, self.tip, &mut *self.budget);
         let way = if R::CONTINUOUS && law.is_continuous() && !body.has_creases() {
-            launch(body, *self.at, |_| {
-                budget.cross();
-                drive.along
-            })
+            launch(body, *self.at, |_| if budget.cross() { drive.along } else { DVec3::ZERO })
         } else {
             launch(body, *self.at, |there| {
                 if budget.is_spent() {

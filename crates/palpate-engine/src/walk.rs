@@ -129,10 +129,9 @@ pub(crate) fn walk(
             1 => [1.0 - along, 0.0, along],
             _ => [along, 1.0 - along, 0.0],
         };
-        if budget.is_spent() {
+        if !budget.cross() {
             return (at, s - left, Stop::Cap);
         }
-        budget.cross();
         let Some((beyond, apex)) = step_over(body, at, opposite) else {
             return (at, s - left, Stop::Border);
         };

@@ -153,3 +153,104 @@ fn a_hovering_sphere_leaves_no_trace() {
     let counters = contact.counters();
     assert_eq!((counters.onsets, counters.slips), (0, 0));
 }
+
+/// Several meshes as one.
+fn together(meshes: &[TriangleMesh]) -> TriangleMesh {
+    let mut all = TriangleMesh::default();
+    for mesh in meshes {
+        let count = all.positions.len() as u32;
+        all.positions.extend(&mesh.positions);
+        all.triangles.extend(mesh.triangles.iter().map(|t| t.map(|v| v + count)));
+    }
+    all
+}
+
+proptest! {
+    #![proptest_config(cases(60))]
+
+    /// A contact that ended, or came to nothing, within a step never saw the rest of its way: what leaves one plate, or
+    /// hovers before it, and enters the next within the same step went through it. Plates of 0.1 mm, up to 20 m/s.
+    #[test]
+    fn nothing_is_tunnelled_through(
+        seed in any::<u64>(), rule in 0usize..3, tool in 0usize..4, friction in prop_oneof![Just(0.0), 0.02f64..2.0],
+    ) {
+        let mut chance = Chance::new(seed);
+        let radius = [0.0, 0.0, 1e-3, 3e-3][tool];
+        // Room to hover between any two.
+        let pitch = 2.0 * radius + chance.range(5e-4, 6e-3);
+        let plate = block(DVec3::new(0.03, 0.03, 5e-5), 2 + chance.below(6));
+        let plates: Vec<TriangleMesh> = (0..3)
+            .map(|k| TriangleMesh {
+                positions: plate.positions.iter().map(|p| *p + DVec3::Z * (f64::from(k) * pitch)).collect(),
+                ..plate.clone()
+            })
+            .collect();
+        let surface = Surface::build(&together(&plates), 0.5).unwrap();
+        let feel = Feel { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| friction, radius_m: radius };
+        let body = ruled(&body_of(surface, feel), SlipRule::ALL[rule]);
+        // Which room a height is in, and which one a touched element belongs to: its plate's upper side, or its lower.
+        let room = |z: f64| (z / pitch).ceil().clamp(0.0, 3.0) as usize;
+        let side = |element: u32| element as usize / plate.triangles.len() + usize::from(body.outward(element).z > 0.0);
+        let mut contact = Contact::new(&body);
+        let mut x = DVec3::new(0.0, 0.0, pitch * (f64::from(chance.below(4) as u32) - 0.5));
+        let mut here = room(x.z);
+        step(&mut contact, &body, x);
+        let (mut touched, mut between) = (0, 0);
+        for i in 0..300 {
+            // Slow, fast, or to where it just touches.
+            let leap = [1e-5, 2e-4, 3e-3, 2e-2][chance.below(4)];
+            x += DVec3::new(chance.range(-0.3, 0.3), chance.range(-0.3, 0.3), chance.range(-1.0, 1.0)) * leap;
+            x = x.clamp(DVec3::new(-4e-3, -4e-3, -0.02), DVec3::new(4e-3, 4e-3, 2.0 * pitch + 0.02));
+            if chance.below(4) == 0 {
+                x.z = pitch * f64::from(chance.below(3) as u32) + chance.range(-1.0, 1.0).signum() * (5e-5 + radius);
+                x.z += chance.range(-1e-5, 1e-5);
+            }
+            let o = step(&mut contact, &body, x);
+            prop_assert!(!o.flags.started_inside && !o.flags.border && !o.flags.capped, "{i}: {:?}", o.flags);
+            let now = o.contact.map_or(room(x.z), |c| side(c.element));
+            prop_assert_eq!(now, here, "{}: from room {} to {} at {}, {:?}", i, here, now, x, o.flags);
+            prop_assert!((o.energy.work_j - o.energy.stored_j - o.energy.dissipated_j).abs() < 1e-14);
+            touched += usize::from(o.flags.in_contact);
+            between += usize::from(o.flags.reanchored);
+            here = now;
+        }
+        prop_assert!(touched > 50 && touched < 300, "{touched} {between}");
+    }
+
+    /// The same through a coarse shell of 0.2 mm, from outside and from its cavity.
+    #[test]
+    fn no_shell_is_tunnelled_through(
+        seed in any::<u64>(), rule in 0usize..3, levels in 0usize..3, radius in prop_oneof![Just(0.0), 1e-3f64..8e-3],
+    ) {
+        let mut chance = Chance::new(seed);
+        let outer = ellipsoid(DVec3::splat(0.03), levels);
+        let mut inner = outer.clone();
+        // 0.2 mm from facet to facet, whatever their size.
+        let [p, q, r] = outer.triangles[0].map(|v| outer.positions[v as usize]);
+        let height = (q - p).cross(r - p).normalize().dot(p).abs();
+        inner.positions.iter_mut().for_each(|p| *p *= 1.0 - 2e-4 / height);
+        inner.triangles.iter_mut().for_each(|t| t.swap(0, 1));
+        let count = outer.triangles.len() as u32;
+        let body = soft(&together(&[outer, inner]), radius, 0.2, SlipRule::ALL[rule]);
+        let mut contact = Contact::new(&body);
+        let outside = chance.below(2) == 0;
+        let mut x = if outside { chance.direction() * 0.045 } else { DVec3::ZERO };
+        step(&mut contact, &body, x);
+        let mut touched = 0;
+        for i in 0..200 {
+            let leap = [2e-5, 5e-4, 4e-3, 2e-2][chance.below(4)];
+            x = (x + chance.direction() * leap).clamp_length_max(0.045);
+            if chance.below(3) == 0 {
+                let nearest = body.nearest(x, 1.0).unwrap().at;
+                let side = if outside { 1.0 } else { -1.0 };
+                x = body.point(nearest) + x.normalize() * side * (radius + chance.range(-2e-4, 5e-4));
+            }
+            let o = step(&mut contact, &body, x);
+            prop_assert!(!o.flags.started_inside, "{i}: {:?}", o.flags);
+            let element = o.contact.map_or_else(|| body.nearest(x, 1.0).unwrap().at.element, |c| c.element);
+            prop_assert_eq!(element < count, outside, "{} at {}, {:?}", i, x.length(), o.flags);
+            touched += usize::from(o.flags.in_contact);
+        }
+        prop_assert!(touched > 20, "{touched}");
+    }
+}
