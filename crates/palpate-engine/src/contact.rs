@@ -6,7 +6,7 @@
 //! | `Free` | outside; nothing within its reach | none | wherever a step ends |
 //! | `Hovering` | within reach of facets, but δz ≤ 0 | none | wherever a step ends |
 //! | `Touching` | δz > 0 | yes | wherever a step ends; back to `Free` or `Hovering` is a release |
-//! | `Waiting` | touching, c held at a patch's boundary | yes, friction cut to its limit | as `Touching` |
+//! | `Waiting` | touching, c held at a patch's boundary, or still behind | yes, cut to the friction limit | as `Touching` |
 //! | `Inside` | inside, but not through the surface; or slid off over the border | none | `Free` or `Hovering`, never to a contact |
 //!
 //! Where a step ends ([`Found`], and [`State::after`] for what follows): δz is read where the contact point came to rest.
@@ -25,6 +25,7 @@ use crate::lateral::{Isotropic, Lateral, Stretch};
 use crate::output::{ContactPoint, Counters, Flags, Ledger, Output, ToolPose};
 use crate::sensitivity;
 use crate::slip::{self, End, Pace};
+use crate::walk::{Launch, Rates, launch, walk};
 use glam::DVec3;
 use palpate_body::{Body, ContactModel, Nearest, SlipRule, SurfacePoint, Touch};
 
@@ -32,6 +33,8 @@ use palpate_body::{Body, ContactModel, Nearest, SlipRule, SurfacePoint, Touch};
 const ON_SURFACE: f64 = 1e-9;
 /// How many crossings of the surface are tried after a contact that has ended.
 const CROSSINGS: u32 = 4;
+/// How much farther than the tool a contact point may run that waited at a patch's boundary.
+const CATCH_UP: f64 = 2.0;
 
 /// All that evolves while one tool touches one body: fixed in size, without a pointer to the body.
 ///
@@ -309,10 +312,14 @@ impl Contact {
                 return self.untouched(step.flags);
             }
         };
-        let before = self.energy;
+        let (before, held) = (self.energy, at);
         let mut site = Site::<L>::new(step.body, self.law, at.element);
         let mut field = self.stick(&mut site, at, step.tip);
-        let (end, drive) = self.slip::<L, R>(&mut site, &mut at, &mut field, step);
+        let (mut end, mut drive) = self.slip::<L, R>(&mut site, &mut at, &mut field, step);
+        if matches!(self.state, State::Waiting { .. }) && end != End::Fenced && end != End::Border {
+            let from = (held, before);
+            (end, drive) = self.catch_up::<L, R>(from, &mut site, &mut at, &mut field, (end, drive), step);
+        }
         if field.depth > 0.0 && end != End::Border {
             step.flags.onset = new.is_some();
             return self.answer(at, &field, end, &drive, step);
@@ -447,6 +454,43 @@ impl Contact {
         (end, drive)
     }
 
+    /// After a wait at a patch's boundary: the contact point runs after the tool by no more than [`CATCH_UP`] times as far
+    /// as the tool moves, so that the force does not jump by what it fell behind. `from` is where it was, and the ledger then.
+    #[cold]
+    #[inline(never)]
+    fn catch_up<L: Lateral, R: Rule>(
+        &mut self,
+        (held, before): (SurfacePoint, Ledger),
+        site: &mut Site<L>,
+        at: &mut SurfacePoint,
+        field: &mut Field,
+        slipped: (End, Drive),
+        step: &mut Step,
+    ) -> (End, Drive) {
+        let body = step.body;
+        let (way, most) = (field.c - body.point(held), CATCH_UP * step.tip.distance(step.from));
+        let v = way.normalize_or_zero();
+        if way.length() <= most {
+            return slipped;
+        }
+        *at = match launch(body, held, |_| v) {
+            Launch::Along(there) => {
+                let rates = Rates::new(body.corners(there.element), v);
+                walk(body, there, v, most, rates, &mut step.budget).0
+            }
+            _ => held,
+        };
+        site.move_to(held.element);
+        step.budget.evaluate();
+        self.energy = before;
+        self.energy.stick(site.evaluate(held.n, step.tip).energy);
+        site.move_to(at.element);
+        step.budget.evaluate();
+        *field = site.evaluate(at.n, step.tip);
+        self.energy.slip(field.energy);
+        (End::Fenced, R::drive(site, at.n, field))
+    }
+
     /// Stage 4: no depth, or over the border. The contact has ended; or, if it is `new` in this step, it comes to nothing
     /// and what was before it is put back. What else lies on the way, or is within reach at its end, is tried.
     #[cold]
@@ -564,7 +608,8 @@ impl Contact {
         flags.blocked = end == End::Blocked;
         flags.capped = end == End::Capped;
         flags.fenced = end == End::Fenced;
-        if flags.capped {
+        if flags.capped || flags.fenced {
+            // What the rule bounds is cut to the limit: as it is where the contact point gets there.
             force += drive.along * (drive.force - field.limit).max(0.0);
         }
         if !force.is_finite() {

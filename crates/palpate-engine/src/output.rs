@@ -60,10 +60,10 @@ pub struct Flags {
     pub border: bool,
     /// The contact point is held by an edge or vertex that it can't leave: f_r may exceed the limit.
     pub blocked: bool,
-    /// The contact point waits at the edge of a patch ([`palpate_body::Patch`]) that its body goes on beyond: f_r may exceed
-    /// the limit.
+    /// The contact point waits at the edge of a patch ([`palpate_body::Patch`]) that its body goes on beyond, or has not
+    /// caught up since: what the slip rule bounds was cut to the limit.
     pub fenced: bool,
-    /// The slip search ran into its bound; the rendered lateral force was cut to the limit.
+    /// The step's budget was spent before the contact point had come to rest: what the slip rule bounds was cut to the limit.
     pub capped: bool,
     /// The pose held a number that is not finite or beyond 10⁴ m: no force, and the contact is kept as it was.
     pub invalid_pose: bool,
@@ -120,9 +120,9 @@ pub struct Counters {
     pub queries: u64,
     /// Steps in which an edge or vertex held the contact point.
     pub blocked: u64,
-    /// Steps in which the edge of a patch held the contact point.
+    /// Steps in which the contact point waited at the edge of a patch, or had not caught up since.
     pub fenced: u64,
-    /// Steps in which the slip search ran into its bound.
+    /// Steps that spent their budget.
     pub capped: u64,
     /// Poses refused.
     pub invalid_poses: u64,
