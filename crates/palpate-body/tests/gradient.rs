@@ -3,8 +3,8 @@
 use glam::DVec3;
 use palpate_body::body::share_knots;
 use palpate_body::{
-    Body, BodyParts, Curve, DecoupledEnergies, Extension, Interpolation, Known, NodeMix, Provenance, Response, SlipRule,
-    Surface, Tool, TriangleMesh,
+    Body, BodyParts, Curve, DecoupledEnergies, Extension, Interpolation, Known, NodeMix, Provenance,
+    Response, SlipRule, Surface, Tool, TriangleMesh,
 };
 
 /// A right triangle of 3 cm, each side cut into `cells`, tilted in space.

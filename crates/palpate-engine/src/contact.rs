@@ -1,18 +1,42 @@
-//! One contact: the step and its stages (MODEL 3).
+//! One contact: its life, and the stages of a step (MODEL 3).
+//!
+//! | state | tool | force | where it goes from here |
+//! |---|---|---|---|
+//! | `Unknown` | no pose so far | none | to what is found at the first pose, but never to a contact |
+//! | `Free` | outside; nothing within its reach | none | wherever a step ends |
+//! | `Hovering` | within reach of facets, but δz ≤ 0 | none | wherever a step ends |
+//! | `Touching` | δz > 0 | yes | wherever a step ends; back to `Free` or `Hovering` is a release |
+//! | `Waiting` | touching, c held at a patch's boundary, or still behind | yes, cut to the friction limit | as `Touching` |
+//! | `Inside` | inside, but not through the surface; or slid off over the border | none | `Free` or `Hovering`, never to a contact |
+//!
+//! Where a step ends ([`Found`], and [`State::after`] for what follows): δz is read where the contact point came to rest.
+//! It is that of the last step, or else the first touch on the tool's way. If there is no depth at its end, that contact
+//! has ended, or come to nothing, and what else lies on the way is tried ([`Contact::leave`]): where the straight way from
+//! there to the tool enters the surface, and then the nearest place at its end. A contact that comes to nothing leaves no
+//! trace: not in the ledger, the counters or the next search's first guess.
+//!
+//! So no sheet is tunnelled through, at any speed, unless a step enters and leaves more than [`CROSSINGS`] before it. What
+//! a sphere reaches over with its rim alone, and has passed by the end of the step, it does not touch.
 
+use crate::budget::Budget;
 use crate::coupled::Coupled;
 use crate::decoupled::{Isotropic, Stretch};
-use crate::drive::{Consistent, Exact, Paper, Rule};
+use crate::drive::{Consistent, Drive, Exact, Paper, Rule};
 use crate::field::{Ablation, Field, Law, Site};
 use crate::lateral::Lateral;
 use crate::output::{ContactPoint, Counters, Flags, Ledger, Output, ToolPose};
 use crate::sensitivity;
 use crate::slip::{self, End, Pace};
+use crate::walk::{Launch, Rates, launch, walk};
 use glam::DVec3;
-use palpate_body::{Body, ContactModel, Nearest, SlipRule, SurfacePoint};
+use palpate_body::{Body, ContactModel, Nearest, SlipRule, SurfacePoint, Touch};
 
 /// Inside the surface by no more than this (m) counts as on it: a segment starting there still catches the surface.
 const ON_SURFACE: f64 = 1e-9;
+/// How many crossings of the surface are tried after a contact that has ended.
+const CROSSINGS: u32 = 4;
+/// How much farther than the tool a contact point may run that waited at a patch's boundary.
+const CATCH_UP: f64 = 2.0;
 
 /// All that evolves while one tool touches one body: fixed in size, without a pointer to the body.
 ///
@@ -23,24 +47,107 @@ pub struct Contact {
     law: Law,
     rule: SlipRule,
     state: State,
-    pace: Pace,
-    /// What the slip rule last took from f_t, N: a first guess of what it will take.
-    taken: DVec3,
+    guess: Guess,
     energy: Ledger,
     counters: Counters,
+    /// See [`Budget::STEP`].
+    budget: u32,
 }
 
-/// Where the tool is.
+/// What the last slips tell the next search to try first.
+#[derive(Debug, Clone, Copy, Default)]
+struct Guess {
+    pace: Pace,
+    /// What the slip rule last took from f_t, N.
+    taken: DVec3,
+}
+
+/// The life of a contact; see the table at the top of this file.
 #[derive(Debug, Clone, Copy)]
 enum State {
-    /// Before the first pose.
     Unknown,
-    /// Outside at `tip`; at `asked_at` the surface was at least `clear` (m) away from touch, and `near` not far.
-    Free { tip: DVec3, asked_at: DVec3, clear: f64, near: u32 },
-    /// Inside without touching: it came there otherwise than through the surface.
-    Inside { asked_at: DVec3, clear: f64 },
-    /// Touching at `at` with the tool at `tip`.
-    Touching { at: SurfacePoint, tip: DVec3 },
+    /// Last seen at `tip`; at `asked_at` the surface was at least `clear` (m) away from touch, and `near` not far.
+    Free {
+        tip: DVec3,
+        asked_at: DVec3,
+        clear: f64,
+        near: u32,
+    },
+    Hovering {
+        tip: DVec3,
+        near: u32,
+    },
+    Touching {
+        at: SurfacePoint,
+        tip: DVec3,
+    },
+    Waiting {
+        at: SurfacePoint,
+        tip: DVec3,
+    },
+    Inside {
+        asked_at: DVec3,
+        clear: f64,
+    },
+}
+
+/// Where a step ended.
+enum Found {
+    /// Nothing to touch within `clear` (m).
+    Clear { clear: f64, near: u32 },
+    /// Facets within reach, but no depth.
+    Near { near: u32 },
+    /// Depth.
+    Depth { at: SurfacePoint },
+    /// Depth, and the contact point held at a patch's boundary.
+    Boundary { at: SurfacePoint },
+    /// In or under the surface, where no contact may begin; the surface is `clear` (m) away.
+    Under { clear: f64 },
+}
+
+impl State {
+    /// After a step that ended with the tool at `tip`.
+    #[inline(always)]
+    fn after(found: Found, tip: DVec3) -> Self {
+        match found {
+            Found::Clear { clear, near } => State::Free { tip, asked_at: tip, clear, near },
+            Found::Near { near } => State::Hovering { tip, near },
+            Found::Depth { at } => State::Touching { at, tip },
+            Found::Boundary { at } => State::Waiting { at, tip },
+            Found::Under { clear } => State::Inside { asked_at: tip, clear },
+        }
+    }
+}
+
+/// A step on its way.
+struct Step<'b> {
+    body: &'b ContactModel,
+    /// Where the tool was the step before, or touched the surface first.
+    from: DVec3,
+    tip: DVec3,
+    flags: Flags,
+    budget: Budget,
+    /// Questions to the surface so far.
+    queries: u32,
+}
+
+impl Step<'_> {
+    fn first_touch(&mut self, from: DVec3, radius: f64) -> Option<Touch> {
+        self.queries += 1;
+        self.body.first_touch(from, self.tip, radius)
+    }
+
+    /// Of the tool.
+    fn nearest(&mut self) -> Option<Nearest> {
+        self.queries += 1;
+        self.body.nearest(self.tip, f64::INFINITY)
+    }
+
+    /// Of the tool; `near` is an element that may be.
+    fn clearance(&mut self, near: u32) -> (f64, u32) {
+        self.queries += 1;
+        self.body.clearance(self.tip, near)
+    }
 }
 
 impl Contact {
@@ -70,10 +177,10 @@ impl Contact {
             law,
             rule,
             state: State::Unknown,
-            pace: Pace::default(),
-            taken: DVec3::ZERO,
+            guess: Guess::default(),
             energy,
             counters,
+            budget: Budget::STEP,
         }
     }
 
@@ -95,7 +202,7 @@ impl Contact {
     /// The surface point that the tool touches, if it does.
     pub fn touching(&self) -> Option<SurfacePoint> {
         match self.state {
-            State::Touching { at, .. } => Some(at),
+            State::Touching { at, .. } | State::Waiting { at, .. } => Some(at),
             _ => None,
         }
     }
@@ -104,7 +211,10 @@ impl Contact {
     /// the tool is inside without touching.
     pub fn last_tip_m(&self) -> Option<[f64; 3]> {
         match self.state {
-            State::Touching { tip, .. } | State::Free { tip, .. } => Some(tip.to_array()),
+            State::Touching { tip, .. }
+            | State::Waiting { tip, .. }
+            | State::Hovering { tip, .. }
+            | State::Free { tip, .. } => Some(tip.to_array()),
             State::Inside { .. } | State::Unknown => None,
         }
     }
@@ -116,12 +226,13 @@ impl Contact {
     /// As bounded as `renumber`.
     pub fn renumber(&mut self, renumber: impl Fn(u32) -> Option<u32>) -> bool {
         match &mut self.state {
-            State::Touching { at, .. } => match renumber(at.element) {
+            State::Touching { at, .. } | State::Waiting { at, .. } => match renumber(at.element) {
                 Some(element) => at.element = element,
                 None => return false,
             },
             // What is free has to ask anew: the clearance was that of the other copy.
             State::Free { clear, near, .. } => (*clear, *near) = (0.0, renumber(*near).unwrap_or(0)),
+            State::Hovering { near, .. } => *near = renumber(*near).unwrap_or(0),
             State::Inside { clear, .. } => *clear = 0.0,
             State::Unknown => {}
         }
@@ -167,36 +278,63 @@ impl Contact {
         self.counters.steps += 1;
         let mut flags = Flags::default();
         let Some(tip) = pose.accept() else {
-            self.counters.invalid_poses += 1;
             flags.invalid_pose = true;
-            flags.in_contact = matches!(self.state, State::Touching { .. });
-            return Output { flags, energy: self.energy, ..Output::default() };
+            flags.in_contact = self.touching().is_some();
+            self.counters.count(&flags);
+            return self.untouched(flags);
         };
-        let before = self.energy;
-        let Some(mut at) = self.touch::<L, R>(body, tip, &mut flags) else { return self.untouched(flags) };
-        let mut site = Site::<L>::new(body, self.law, at.element);
-        let mut field = self.stick(&mut site, at, tip);
-        let end = self.slip::<L, R>(&mut site, &mut at, &mut field, tip, &mut flags);
-        if field.depth > 0.0 && end != End::Border {
-            return self.answer(at, tip, &field, end, flags);
-        }
-        if flags.onset && self.law.radius_m > 0.0 && end != End::Border {
-            return self.hover(before, tip, at, flags);
-        }
-        match self.release::<L, R>(&mut site, at, &field, end, tip, &mut flags) {
-            Some((at, field, end)) => self.answer(at, tip, &field, end, flags),
-            None => self.untouched(flags),
-        }
+        let mut step = Step { body, from: tip, tip, flags, budget: Budget::new(self.budget), queries: 0 };
+        let output = self.stages::<L, R>(&mut step);
+        self.counters.count(&output.flags);
+        self.counters.evaluations += u64::from(step.budget.evaluations);
+        self.counters.crossings += u64::from(step.budget.crossings);
+        self.counters.queries += u64::from(step.queries);
+        self.counters.underived += u64::from(output.flags.in_contact && !R::is_ready(body));
+        output
     }
 
-    /// A sphere that the facets are within reach of but not the interpolated surface: nothing has happened yet.
-    #[cold]
-    fn hover(&mut self, before: Ledger, tip: DVec3, at: SurfacePoint, mut flags: Flags) -> Output {
-        self.energy = before;
-        self.counters.onsets = self.counters.onsets.saturating_sub(1);
-        (flags.onset, flags.slipping) = (false, false);
-        self.state = State::Free { tip, asked_at: tip, clear: 0.0, near: at.element };
-        self.untouched(flags)
+    #[inline(always)]
+    fn stages<L: Lateral, R: Rule>(&mut self, step: &mut Step) -> Output {
+        let (mut at, new) = match self.state {
+            State::Touching { at, tip } | State::Waiting { at, tip } => {
+                step.from = tip;
+                (at, None)
+            }
+            State::Free { asked_at, clear, near, .. } if step.tip.distance(asked_at) < clear => {
+                self.state = State::Free { tip: step.tip, asked_at, clear, near };
+                return self.untouched(step.flags);
+            }
+            State::Free { tip, near, .. } => match self.onset::<L, R>(step, tip, near, false) {
+                Some(at) => (at, Some(self.guess)),
+                None => return self.untouched(step.flags),
+            },
+            State::Hovering { tip, near } => match self.onset::<L, R>(step, tip, near, true) {
+                Some(at) => (at, Some(self.guess)),
+                None => return self.untouched(step.flags),
+            },
+            State::Inside { asked_at, clear } if step.tip.distance(asked_at) < clear => {
+                step.flags.started_inside = true;
+                return self.untouched(step.flags);
+            }
+            State::Inside { .. } | State::Unknown => {
+                step.flags.started_inside = self.look_around::<L, R>(step);
+                return self.untouched(step.flags);
+            }
+        };
+        let (before, held) = (self.energy, at);
+        let mut site = Site::<L>::new(step.body, self.law, at.element);
+        let mut field = self.stick(&mut site, at, step.tip);
+        let (mut end, mut drive) = self.slip::<L, R>(&mut site, &mut at, &mut field, step);
+        if matches!(self.state, State::Waiting { .. }) && end != End::Fenced && end != End::Border {
+            let from = (held, before);
+            (end, drive) = self.catch_up::<L, R>(from, &mut site, &mut at, &mut field, (end, drive), step);
+        }
+        if field.depth > 0.0 && end != End::Border {
+            step.flags.onset = new.is_some();
+            return self.answer(at, &field, end, &drive, step);
+        }
+        let new = new.map(|guess| (before, guess));
+        self.leave::<L, R>(step, at, &field, end, new)
     }
 
     /// The Lipschitz bound of the force at the present contact, N/m: how far one step's |ΔF| may exceed nothing but
@@ -206,84 +344,89 @@ impl Contact {
     /// Not part of the step: a measuring instrument.
     pub fn lipschitz_n_per_m(&self, body: &ContactModel) -> Option<f64> {
         match self.state {
-            State::Touching { at, tip } => sensitivity::lipschitz(body, self.law, self.rule, at, tip),
+            State::Touching { at, tip } | State::Waiting { at, tip } => {
+                sensitivity::lipschitz(body, self.law, self.rule, at, tip)
+            }
             _ => None,
         }
     }
 
-    /// Stage 1: the contact point of the last step, or that of an onset in this one.
-    fn touch<L: Lateral, R: Rule>(
+    /// Stage 1 of a tool that did not touch: the contact point of the first touch on its way, if there is one.
+    #[inline(never)]
+    fn onset<L: Lateral, R: Rule>(
         &mut self,
-        body: &ContactModel,
-        tip: DVec3,
-        flags: &mut Flags,
+        step: &mut Step,
+        from: DVec3,
+        near: u32,
+        hovering: bool,
     ) -> Option<SurfacePoint> {
-        match self.state {
-            State::Touching { at, .. } => Some(at),
-            State::Free { asked_at, clear, near, .. } if tip.distance(asked_at) < clear => {
-                self.state = State::Free { tip, asked_at, clear, near };
-                None
-            }
-            State::Free { tip: from, near, .. } => {
-                let Some(touch) = body.first_touch(from, tip, self.law.radius_m) else {
-                    // A little less than the clearance: rounding must not skip a touch.
-                    let (clear, near) = body.clearance(tip, near);
-                    let clear = (clear - self.law.radius_m) * (1.0 - 1e-9) - ON_SURFACE;
-                    self.state = State::Free { tip, asked_at: tip, clear, near };
-                    return None;
-                };
-                flags.onset = true;
-                self.counters.onsets += 1;
-                Some(self.settle::<L, R>(body, touch.at, from + (tip - from) * touch.fraction))
-            }
-            State::Inside { asked_at, clear } if tip.distance(asked_at) < clear => {
-                self.state = State::Inside { asked_at, clear };
-                flags.started_inside = true;
-                None
-            }
-            State::Inside { .. } | State::Unknown => {
-                self.look_around(body, tip, flags);
-                None
-            }
+        let (tip, radius) = (step.tip, self.law.radius_m);
+        if let Some(touch) = step.first_touch(from, radius) {
+            step.from = from + (tip - from) * touch.fraction;
+            return Some(self.settle::<L, R>(step, touch.at));
         }
+        if !hovering {
+            let (clear, near) = step.clearance(near);
+            self.state = State::after(Found::Clear { clear: self.clear(clear), near }, tip);
+            return None;
+        }
+        step.from = from;
+        let nearest = step.nearest()?;
+        if nearest.outside && nearest.distance >= radius {
+            let clear = self.clear(nearest.distance);
+            self.state = State::after(Found::Clear { clear, near: nearest.at.element }, tip);
+            return None;
+        }
+        Some(nearest.at)
     }
 
-    /// Finds out on which side of the surface a tip is that did not come from outside.
+    /// How far from touch a tool is whose distance from the surface is at least this.
+    fn clear(&self, distance: f64) -> f64 {
+        // A little less: rounding must not skip a touch.
+        (distance - self.law.radius_m) * (1.0 - 1e-9) - ON_SURFACE
+    }
+
+    /// Finds out on which side of the surface a tip is that did not come from outside. True if it is inside.
     #[cold]
     #[inline(never)]
-    fn look_around(&mut self, body: &ContactModel, tip: DVec3, flags: &mut Flags) {
-        let Some(nearest) = body.nearest(tip, f64::INFINITY) else { return };
+    fn look_around<L: Lateral, R: Rule>(&mut self, step: &mut Step) -> bool {
+        let (body, tip) = (step.body, step.tip);
+        let Some(nearest) = step.nearest() else { return false };
+        let (near, outward) = (nearest.at.element, body.outward(nearest.at.element));
         let gap = if nearest.outside { nearest.distance } else { -nearest.distance } - self.law.radius_m;
-        self.state = if gap >= -ON_SURFACE {
-            self.free(body, tip, nearest)
-        } else {
-            flags.started_inside = true;
-            // Inside stays inside until the tip has been as far as the surface.
-            State::Inside { asked_at: tip, clear: gap.abs() }
-        };
-    }
-
-    /// Free at a tip that is outside, or on the surface up to rounding: then from a hair above it, so that the next
-    /// segment crosses it whole.
-    fn free(&self, body: &ContactModel, tip: DVec3, nearest: Nearest) -> State {
-        let from =
-            if nearest.outside { tip } else { tip + body.outward(nearest.at.element) * (2.0 * ON_SURFACE) };
-        State::Free { tip: from, asked_at: tip, clear: 0.0, near: nearest.at.element }
+        if gap >= -ON_SURFACE {
+            // On the surface up to rounding: then from a hair above it, so that the next segment crosses it whole.
+            let tip = if nearest.outside { tip } else { tip + outward * (2.0 * ON_SURFACE) };
+            self.state = State::Free { tip, asked_at: step.tip, clear: 0.0, near };
+            return false;
+        }
+        let (mut site, mut at) = (Site::<L>::new(body, self.law, near), nearest.at);
+        step.budget.evaluate();
+        let mut field = site.evaluate(at.n, tip);
+        let (kept, flags) = (self.kept(), step.flags);
+        let (end, _) = self.slip::<L, R>(&mut site, &mut at, &mut field, step);
+        self.restore(kept);
+        step.flags = flags;
+        let inside = field.depth > 0.0 || end == End::Border;
+        // Inside stays inside until the tip has been as far as the surface.
+        let found = if inside { Found::Under { clear: gap.abs() } } else { Found::Near { near } };
+        self.state = State::after(found, tip);
+        inside
     }
 
     /// A sphere's first touch is where the nearest point is at its radius, but the frame there is the interpolated
     /// one: the contact point slips to the friction limit, nearly 0 there, before anything counts. Where the frames
     /// lead it farther away than the tool reaches, it stays.
-    fn settle<L: Lateral, R: Rule>(&self, body: &ContactModel, at: SurfacePoint, tip: DVec3) -> SurfacePoint {
+    fn settle<L: Lateral, R: Rule>(&self, step: &mut Step, at: SurfacePoint) -> SurfacePoint {
         if self.law.radius_m == 0.0 {
             return at;
         }
-        let mut site = Site::<L>::new(body, self.law, at.element);
-        let (mut settled, mut field) = (at, site.evaluate(at.n, tip));
-        let start = field.c;
+        let mut site = Site::<L>::new(step.body, self.law, at.element);
+        step.budget.evaluate();
+        let (mut settled, mut field) = (at, site.evaluate(at.n, step.from));
+        let (start, tip, budget, mut pace) = (field.c, step.from, &mut step.budget, Pace::default());
         let drive = R::drive(&mut site, settled.n, &field);
-        let end =
-            slip::slip::<L, R>(&mut site, &mut settled, &mut field, drive, tip, &mut Pace::default()).end;
+        let (end, _) = slip::slip::<L, R>(&mut site, &mut settled, &mut field, drive, tip, &mut pace, budget);
         if end == End::Settled && field.c.distance(start) <= self.law.radius_m { settled } else { at }
     }
 
@@ -295,122 +438,192 @@ impl Contact {
         field
     }
 
-    /// Stage 3: the contact point moves with the tool held, until the lateral force is within the friction limit.
+    /// Stage 3: the contact point moves with the tool held, until the lateral force is within the friction limit. Returns
+    /// how that ended, and the drive there.
     #[inline]
     fn slip<L: Lateral, R: Rule>(
         &mut self,
         site: &mut Site<L>,
         at: &mut SurfacePoint,
         field: &mut Field,
-        tip: DVec3,
-        flags: &mut Flags,
-    ) -> End {
-        let drive = R::first(site, at.n, field, self.taken);
-        self.counters.underived += u64::from(!R::is_ready(site.body));
+        step: &mut Step,
+    ) -> (End, Drive) {
+        let drive = R::first(site, at.n, field, self.guess.taken);
         if slip::within(&drive, field) {
-            return End::Settled;
+            return (End::Settled, drive);
         }
         let start = *at;
-        let slipped = slip::slip::<L, R>(site, at, field, drive, tip, &mut self.pace);
+        let (pace, budget) = (&mut self.guess.pace, &mut step.budget);
+        let (end, drive) = slip::slip::<L, R>(site, at, field, drive, step.tip, pace, budget);
         if !R::LATERAL {
-            self.taken = field.u_t * field.pull - slipped.drive.along * slipped.drive.force;
+            self.guess.taken = field.u_t * field.pull - drive.along * drive.force;
         }
         self.energy.slip(field.energy);
-        let moved = *at != start;
-        flags.slipping |= moved;
-        self.counters.slips += u64::from(moved);
-        self.counters.evaluations += u64::from(slipped.evaluations);
-        self.counters.crossings += u64::from(slipped.crossings);
-        slipped.end
+        step.flags.slipping |= *at != start;
+        (end, drive)
     }
 
-    /// Stage 4: the contact ends, at δz ≤ 0 or over the border. A tip that is then still inside, in a concave facet or
-    /// another sheet, touches anew at its nearest surface point, and one that ran into something else on its way, there.
+    /// After a wait at a patch's boundary: the contact point runs after the tool by no more than [`CATCH_UP`] times as far
+    /// as the tool moves, so that the force does not jump by what it fell behind. `from` is where it was, and the ledger then.
     #[cold]
-    fn release<L: Lateral, R: Rule>(
+    #[inline(never)]
+    fn catch_up<L: Lateral, R: Rule>(
         &mut self,
+        (held, before): (SurfacePoint, Ledger),
         site: &mut Site<L>,
+        at: &mut SurfacePoint,
+        field: &mut Field,
+        slipped: (End, Drive),
+        step: &mut Step,
+    ) -> (End, Drive) {
+        let body = step.body;
+        let (way, most) = (field.c - body.point(held), CATCH_UP * step.tip.distance(step.from));
+        let v = way.normalize_or_zero();
+        if way.length() <= most {
+            return slipped;
+        }
+        *at = match launch(body, held, |_| v) {
+            Launch::Along(there) => {
+                let rates = Rates::new(body.corners(there.element), v);
+                walk(body, there, v, most, rates, &mut step.budget).0
+            }
+            _ => held,
+        };
+        site.move_to(held.element);
+        step.budget.evaluate();
+        self.energy = before;
+        self.energy.stick(site.evaluate(held.n, step.tip).energy);
+        site.move_to(at.element);
+        step.budget.evaluate();
+        *field = site.evaluate(at.n, step.tip);
+        self.energy.slip(field.energy);
+        (End::Fenced, R::drive(site, at.n, field))
+    }
+
+    /// Stage 4: no depth, or over the border. The contact has ended; or, if it is `new` in this step, it comes to nothing
+    /// and what was before it is put back. What else lies on the way, or is within reach at its end, is tried.
+    #[cold]
+    #[inline(never)]
+    fn leave<L: Lateral, R: Rule>(
+        &mut self,
+        step: &mut Step,
         at: SurfacePoint,
         field: &Field,
         end: End,
-        tip: DVec3,
-        flags: &mut Flags,
-    ) -> Option<(SurfacePoint, Field, End)> {
-        let body = site.body;
-        self.energy.slip(0.0);
-        flags.released = true;
+        new: Option<(Ledger, Guess)>,
+    ) -> Output {
+        let (body, tip, radius) = (step.body, step.tip, self.law.radius_m);
+        match new {
+            Some(kept) => {
+                self.restore(kept);
+                step.flags.slipping = false;
+            }
+            None => {
+                self.energy.slip(0.0);
+                step.flags.released = true;
+            }
+        }
         if end == End::Border {
-            flags.border = true;
-            // Beyond the border the tip may hang under the sheet: only seen from outside may it touch again.
-            self.look_around(body, tip, flags);
-            flags.started_inside = false;
-            return None;
+            step.flags.border = true;
+            // Beyond the border the tool may hang under the sheet: only seen from outside may it touch again.
+            self.look_around::<L, R>(step);
+            return self.untouched(step.flags);
         }
-        let nearest = body.nearest(tip, f64::INFINITY)?;
-        let again = if !nearest.outside && nearest.distance > ON_SURFACE {
-            Some(nearest.at)
-        } else {
-            self.beyond(body, at, field, tip)
-        };
-        self.state = self.free(body, tip, nearest);
-        let mut at = self.settle::<L, R>(body, again?, tip);
-        *site = Site::new(body, self.law, at.element);
-        let mut field = site.evaluate(at.n, tip);
-        // Stored energy appears at a fixed tip: the ledger books it as generated.
-        self.energy.slip(field.energy);
-        let end = self.slip::<L, R>(site, &mut at, &mut field, tip, flags);
-        if field.depth > 0.0 && end != End::Border {
-            flags.reanchored = true;
-            return Some((at, field, end));
+        let Some(nearest) = step.nearest() else { return self.untouched(step.flags) };
+        // From the surface's outer side at the contact point to the tool: what is entered on the way, of what may be near
+        // enough.
+        let mut start = self.resting(body, at, field);
+        for _ in 0..CROSSINGS {
+            if nearest.outside && nearest.distance > tip.distance(start) {
+                break;
+            }
+            let Some(touch) = step.first_touch(start, 0.0) else { break };
+            match self.try_at::<L, R>(step, touch.at) {
+                Ok(output) => return output,
+                Err(rest) => start = rest,
+            }
         }
-        self.energy.slip(0.0);
-        self.look_around(body, tip, flags);
-        None
+        let inside = !nearest.outside && nearest.distance > ON_SURFACE;
+        let near = nearest.at.element;
+        if !inside && nearest.distance >= radius {
+            let out = if nearest.outside { DVec3::ZERO } else { body.outward(near) * (2.0 * ON_SURFACE) };
+            self.state =
+                State::Free { tip: tip + out, asked_at: tip, clear: self.clear(nearest.distance), near };
+            return self.untouched(step.flags);
+        }
+        if let Ok(output) = self.try_at::<L, R>(step, nearest.at) {
+            return output;
+        }
+        self.state = State::after(Found::Near { near }, tip);
+        self.untouched(step.flags)
     }
 
-    /// What the rest of the way runs into, from where the tip came out over the contact point's plane: a fast tip may
-    /// leave one sheet and enter another in the same step.
-    fn beyond(
-        &self,
-        body: &ContactModel,
-        at: SurfacePoint,
-        field: &Field,
-        tip: DVec3,
-    ) -> Option<SurfacePoint> {
-        let State::Touching { tip: from, .. } = self.state else { return None };
-        let before = (from - field.c).dot(field.u()) + self.law.radius_m;
-        let fraction = before / (before - field.depth);
-        let out =
-            from + (tip - from) * fraction.clamp(0.0, 1.0) + body.outward(at.element) * (2.0 * ON_SURFACE);
-        body.first_touch(out, tip, self.law.radius_m).map(|t| t.at)
+    /// A contact at this place, if it has depth there. Else everything stays as it was, and the tool would have come to
+    /// rest where it says.
+    fn try_at<L: Lateral, R: Rule>(
+        &mut self,
+        step: &mut Step,
+        mut at: SurfacePoint,
+    ) -> Result<Output, DVec3> {
+        let (kept, flags) = (self.kept(), step.flags);
+        let mut site = Site::<L>::new(step.body, self.law, at.element);
+        step.budget.evaluate();
+        let mut field = site.evaluate(at.n, step.tip);
+        if (step.from - field.c).dot(field.u()) + self.law.radius_m <= 0.0 {
+            self.energy.stick(field.energy);
+        } else {
+            // The tool was this deep before: no work leads here, and the ledger says that the energy was generated.
+            self.energy.slip(field.energy);
+        }
+        let (end, drive) = self.slip::<L, R>(&mut site, &mut at, &mut field, step);
+        if field.depth > 0.0 && end != End::Border {
+            step.flags.reanchored = flags.released;
+            step.flags.onset = !flags.released;
+            return Ok(self.answer(at, &field, end, &drive, step));
+        }
+        self.restore(kept);
+        step.flags = flags;
+        Err(self.resting(step.body, at, &field))
+    }
+
+    /// The tool's place where it just touches the contact point, a hair above.
+    fn resting(&self, body: &ContactModel, at: SurfacePoint, field: &Field) -> DVec3 {
+        field.c - field.u() * self.law.radius_m + body.outward(at.element) * (2.0 * ON_SURFACE)
+    }
+
+    fn kept(&self) -> (Ledger, Guess) {
+        (self.energy, self.guess)
+    }
+
+    fn restore(&mut self, kept: (Ledger, Guess)) {
+        (self.energy, self.guess) = kept;
     }
 
     /// Stage 5: the state for the next step, and the force.
     #[inline(always)]
-    fn answer(&mut self, at: SurfacePoint, tip: DVec3, field: &Field, end: End, mut flags: Flags) -> Output {
-        self.state = State::Touching { at, tip };
+    fn answer(
+        &mut self,
+        at: SurfacePoint,
+        field: &Field,
+        end: End,
+        drive: &Drive,
+        step: &mut Step,
+    ) -> Output {
+        let found = if end == End::Fenced { Found::Boundary { at } } else { Found::Depth { at } };
+        self.state = State::after(found, step.tip);
         let mut force = -field.force();
-        match end {
-            End::Blocked => {
-                flags.blocked = true;
-                self.counters.blocked += 1;
-            }
-            End::Capped => {
-                flags.capped = true;
-                self.counters.capped += 1;
-                force += field.u_t * (field.pull - field.limit).max(0.0);
-            }
-            End::Fenced => {
-                flags.fenced = true;
-                self.counters.fenced += 1;
-            }
-            End::Settled | End::Border => {}
-        }
+        let flags = &mut step.flags;
         flags.in_contact = true;
+        flags.blocked = end == End::Blocked;
+        flags.capped = end == End::Capped;
+        flags.fenced = end == End::Fenced;
+        if flags.capped || flags.fenced {
+            // What the rule bounds is cut to the limit: as it is where the contact point gets there.
+            force += drive.along * (drive.force - field.limit).max(0.0);
+        }
         if !force.is_finite() {
             // The output choke point: nothing that is not a number leaves.
             flags.contained = true;
-            self.counters.contained += 1;
             force = DVec3::ZERO;
         }
         let contact = ContactPoint {
@@ -424,7 +637,7 @@ impl Contact {
             force_n: force.to_array(),
             torque_nm: [0.0; 3],
             contact: Some(contact),
-            flags,
+            flags: *flags,
             energy: self.energy,
         }
     }

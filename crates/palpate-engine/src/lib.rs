@@ -26,6 +26,7 @@
 //! # Ok::<(), BodyError>(())
 //! ```
 
+mod budget;
 pub mod certify;
 mod contact;
 mod coupled;

@@ -60,10 +60,10 @@ pub struct Flags {
     pub border: bool,
     /// The contact point is held by an edge or vertex that it can't leave: f_r may exceed the limit.
     pub blocked: bool,
-    /// The contact point waits at the edge of a patch ([`palpate_body::Patch`]) that its body goes on beyond: f_r may exceed
-    /// the limit.
+    /// The contact point waits at the edge of a patch ([`palpate_body::Patch`]) that its body goes on beyond, or has not
+    /// caught up since: what the slip rule bounds was cut to the limit.
     pub fenced: bool,
-    /// The slip search ran into its bound; the rendered lateral force was cut to the limit.
+    /// The step's budget was spent before the contact point had come to rest: what the slip rule bounds was cut to the limit.
     pub capped: bool,
     /// The pose held a number that is not finite or beyond 10⁴ m: no force, and the contact is kept as it was.
     pub invalid_pose: bool,
@@ -111,15 +111,18 @@ pub struct Counters {
     pub onsets: u64,
     /// Steps with slip.
     pub slips: u64,
-    /// Evaluations of the force law while slipping.
+    /// Evaluations of the force law, derivatives too, beyond the one with which every step in contact begins. With the
+    /// crossings at most 512 a step.
     pub evaluations: u64,
-    /// Edges crossed.
+    /// Edges crossed, and elements looked at around a vertex or across an edge for a start direction.
     pub crossings: u64,
+    /// Searches of the surface for a first touch, a clearance or a nearest point; in free space most steps need none.
+    pub queries: u64,
     /// Steps in which an edge or vertex held the contact point.
     pub blocked: u64,
-    /// Steps in which the edge of a patch held the contact point.
+    /// Steps in which the contact point waited at the edge of a patch, or had not caught up since.
     pub fenced: u64,
-    /// Steps in which the slip search ran into its bound.
+    /// Steps that spent their budget.
     pub capped: u64,
     /// Poses refused.
     pub invalid_poses: u64,
@@ -128,6 +131,24 @@ pub struct Counters {
     /// Steps in contact in which the rule `consistent` found no gradients in the body and slipped as `paper` does: the
     /// body is not the one that the contact was made for.
     pub underived: u64,
+}
+
+impl Counters {
+    /// A step that ended with these flags.
+    #[inline]
+    pub(crate) fn count(&mut self, flags: &Flags) {
+        for (count, happened) in [
+            (&mut self.onsets, flags.onset),
+            (&mut self.slips, flags.slipping),
+            (&mut self.blocked, flags.blocked),
+            (&mut self.fenced, flags.fenced),
+            (&mut self.capped, flags.capped),
+            (&mut self.invalid_poses, flags.invalid_pose),
+            (&mut self.contained, flags.contained),
+        ] {
+            *count += u64::from(happened);
+        }
+    }
 }
 
 /// One sample of what a device renders.

@@ -1,6 +1,7 @@
 //! Slip: at a fixed tip, the contact point moves until the drive is within the friction limit (paper, section 3.2;
 //! MODEL 4). One search for all rules, compiled for each of them.
 
+use crate::budget::Budget;
 use crate::drive::{Drive, Rule};
 use crate::field::{Field, Site};
 use crate::lateral::Lateral;
@@ -8,11 +9,6 @@ use crate::walk::{Launch, Stop, launch, walk};
 use glam::{DMat3, DVec3};
 use palpate_body::SurfacePoint;
 use std::marker::PhantomData;
-
-/// Bound on evaluations of the force law in a slip search.
-pub(crate) const MAX_EVALUATIONS: u32 = 64;
-/// Bound on edges crossed in a slip search.
-pub(crate) const MAX_CROSSINGS: u32 = 64;
 
 /// A bracket of the search is closed at this length, m: far below touch, far above the rounding of coordinates.
 const CLOSED: f64 = 1e-12;
@@ -28,17 +24,8 @@ pub(crate) enum End {
     Border,
     /// At the edge of a patch, where it waits for the next.
     Fenced,
-    /// Out of evaluations or crossings.
+    /// The step's budget is spent.
     Capped,
-}
-
-/// What a slip took.
-pub(crate) struct Slipped {
-    pub end: End,
-    /// Where it ended.
-    pub drive: Drive,
-    pub evaluations: u32,
-    pub crossings: u32,
 }
 
 /// How far the contact point ran for each newton of drive in the last slips of a contact, m/N; 0 where there was none.
@@ -88,7 +75,7 @@ impl Answer {
     }
 }
 
-/// The slip search: where the contact point is, what the law reads there, and what is left of the bounds.
+/// The slip search: where the contact point is, what the law reads there, and what is left of the step's budget.
 struct Search<'s, 'a, L: Lateral, R> {
     rule: PhantomData<R>,
     site: &'s mut Site<'a, L>,
@@ -98,11 +85,11 @@ struct Search<'s, 'a, L: Lateral, R> {
     /// As the rule reads it there.
     drive: Drive,
     pace: &'s mut Pace,
-    evaluations: u32,
-    crossings: u32,
+    budget: &'s mut Budget,
 }
 
-/// Lets the contact point run from `at`, where the law reads `field` and the rule `drive`. `site` is at's element.
+/// Lets the contact point run from `at`, where the law reads `field` and the rule `drive`. `site` is at's element. Returns
+/// how it ended, and the drive there.
 #[inline]
 pub(crate) fn slip<L: Lateral, R: Rule>(
     site: &mut Site<L>,
@@ -111,24 +98,17 @@ pub(crate) fn slip<L: Lateral, R: Rule>(
     drive: Drive,
     tip: DVec3,
     pace: &mut Pace,
-) -> Slipped {
-    let (evaluations, crossings) = (MAX_EVALUATIONS, MAX_CROSSINGS);
-    let rule = PhantomData::<R>;
-    let mut search = Search { rule, site, tip, at, field, drive, pace, evaluations, crossings };
-    let end = search.run();
-    Slipped {
-        end,
-        drive: search.drive,
-        evaluations: evaluations - search.evaluations,
-        crossings: crossings - search.crossings,
-    }
+    budget: &mut Budget,
+) -> (End, Drive) {
+    let mut search = Search { rule: PhantomData::<R>, site, tip, at, field, drive, pace, budget };
+    (search.run(), search.drive)
 }
 
 impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
     fn run(&mut self) -> End {
         let mut stalled = 0;
         while !within(&self.drive, self.field) {
-            if self.evaluations == 0 || self.crossings == 0 {
+            if self.budget.is_spent() {
                 return End::Capped;
             }
             let v = match self.launch() {
@@ -141,7 +121,7 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
                 continue;
             }
             self.back_to(start);
-            let eta = self.site.drift(self.at.n, self.field, v).eta;
+            let eta = self.eta(v);
             if self.newton(v, 1.0 / eta) {
                 stalled = 0;
                 continue;
@@ -163,16 +143,24 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
         if self.at.n[0] != 0.0 && self.at.n[1] != 0.0 && self.at.n[2] != 0.0 {
             return Ok(self.aim());
         }
-        let (body, law, tip) = (self.site.body, self.site.law, self.tip);
+        let (body, law, tip, budget) = (self.site.body, self.site.law, self.tip, &mut *self.budget);
         let way = if R::CONTINUOUS && law.is_continuous() && !body.has_creases() {
-            launch(body, *self.at, |_| drive.along)
+            launch(body, *self.at, |_| if budget.cross() { drive.along } else { DVec3::ZERO })
         } else {
             launch(body, *self.at, |there| {
+                if budget.is_spent() {
+                    return DVec3::ZERO;
+                }
+                budget.evaluate();
                 let mut site = Site::<L>::new(body, law, there.element);
                 let field = site.evaluate(there.n, tip);
                 R::drive(&mut site, there.n, &field).along
             })
         };
+        // Not all of the directions were tried.
+        if self.budget.is_spent() {
+            return Err(End::Capped);
+        }
         let (there, v) = match way {
             Launch::Held => return Err(End::Blocked),
             Launch::Border => return Err(End::Border),
@@ -220,7 +208,7 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
         // The paper's rule has the scalar secant alone.
         let (bent, mut answer) = (L::COUPLED || (L::ISOTROPIC && !R::LATERAL), Answer::new(ease));
         let mut residual = self.drive.along * first;
-        while self.evaluations > 0 && believable(ease) && excess * ease <= farthest {
+        while !self.budget.is_spent() && believable(ease) && excess * ease <= farthest {
             let way = excess * ease;
             let rates = self.site.rates(v * way.signum());
             let mut stop = Stop::Reached;
@@ -228,8 +216,7 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
                 Some(n) => self.at.n = n,
                 None => {
                     let v = v * way.signum();
-                    (*self.at, _, stop) =
-                        walk(self.site.body, *self.at, v, way.abs(), rates, &mut self.crossings);
+                    (*self.at, _, stop) = walk(self.site.body, *self.at, v, way.abs(), rates, self.budget);
                 }
             }
             self.evaluate();
@@ -302,17 +289,16 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
         // Largest s with g > 0 and the least with g < 0, and where they are.
         let mut low = (0.0, *self.at);
         let mut high: Option<(f64, SurfacePoint)> = None;
-        let eta = self.site.drift(self.at.n, self.field, v).eta;
+        let eta = self.eta(v);
         let slope = if eta > 0.1 * self.field.pull_slope { eta } else { self.field.pull_slope };
         // On a curve that has gone flat the slope leads far away; the root lies within about δr.
         let mut target = (g / slope).min(self.drive.reach);
         let mut tries = 0;
-        while self.evaluations > 0 {
+        while !self.budget.is_spent() {
             let way = target - s;
             let along = v * way.signum();
             let rates = self.site.rates(along);
-            let (at, walked, stop) =
-                walk(self.site.body, *self.at, along, way.abs(), rates, &mut self.crossings);
+            let (at, walked, stop) = walk(self.site.body, *self.at, along, way.abs(), rates, self.budget);
             *self.at = at;
             self.evaluate_again();
             let (s_before, g_before) = (s, g);
@@ -329,7 +315,7 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
                 }
             } else {
                 high = Some((s, *self.at));
-                if self.crossings == 0 {
+                if self.budget.is_spent() {
                     // No way left to close in: rather too little than too far.
                     break;
                 }
@@ -353,9 +339,16 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
         low.0
     }
 
+    /// How fast slip along `v` takes the drive to its limit, N/m.
+    #[inline]
+    fn eta(&mut self, v: DVec3) -> f64 {
+        self.budget.evaluate();
+        self.site.drift(self.at.n, self.field, v).eta
+    }
+
     #[inline(always)]
     fn evaluate(&mut self) {
-        self.evaluations = self.evaluations.saturating_sub(1);
+        self.budget.evaluate();
         if self.site.element != self.at.element {
             self.site.move_to(self.at.element);
         }

@@ -1,5 +1,6 @@
 //! Moving the contact point over the facets.
 
+use crate::budget::Budget;
 use glam::DVec3;
 use palpate_body::{ContactModel, SurfacePoint};
 
@@ -12,7 +13,7 @@ pub(crate) enum Stop {
     Edge,
     /// At the surface's border.
     Border,
-    /// Too many edges.
+    /// The budget is spent.
     Cap,
 }
 
@@ -99,8 +100,6 @@ impl Rates {
 
 /// Moves `at` by the distance `s` with the projection of `v` on each element that it comes through. Returns where it
 /// ended, how far that was, and why it ended. `rates` are those of `v` in the first element.
-///
-/// `crossings` is what is left of the step's bound.
 #[inline]
 pub(crate) fn walk(
     body: &ContactModel,
@@ -108,7 +107,7 @@ pub(crate) fn walk(
     v: DVec3,
     s: f64,
     mut rates: Rates,
-    crossings: &mut u32,
+    budget: &mut Budget,
 ) -> (SurfacePoint, f64, Stop) {
     let mut left = s;
     let mut corners = body.corners(at.element);
@@ -130,10 +129,9 @@ pub(crate) fn walk(
             1 => [1.0 - along, 0.0, along],
             _ => [along, 1.0 - along, 0.0],
         };
-        if *crossings == 0 {
+        if !budget.cross() {
             return (at, s - left, Stop::Cap);
         }
-        *crossings -= 1;
         let Some((beyond, apex)) = step_over(body, at, opposite) else {
             return (at, s - left, Stop::Border);
         };
@@ -156,7 +154,11 @@ pub(crate) fn walk(
 /// Where the drive can take a contact point that may stand on an edge or a vertex. `drive` gives the drive as seen
 /// from an element, which differs between the sides where the frame does.
 #[inline]
-pub(crate) fn launch(body: &ContactModel, at: SurfacePoint, drive: impl Fn(SurfacePoint) -> DVec3) -> Launch {
+pub(crate) fn launch(
+    body: &ContactModel,
+    at: SurfacePoint,
+    drive: impl FnMut(SurfacePoint) -> DVec3,
+) -> Launch {
     let on_edge = |i: usize| at.n.get(i).is_some_and(|&n| n == 0.0);
     let zeros = u8::from(on_edge(0)) + u8::from(on_edge(1)) + u8::from(on_edge(2));
     if zeros == 0 {
@@ -195,7 +197,7 @@ fn from_edge(
     body: &ContactModel,
     at: SurfacePoint,
     opposite: usize,
-    drive: impl Fn(SurfacePoint) -> DVec3,
+    mut drive: impl FnMut(SurfacePoint) -> DVec3,
 ) -> Launch {
     let corners = body.corners(at.element);
     let v = drive(at);
@@ -219,7 +221,7 @@ fn from_vertex(
     body: &ContactModel,
     at: SurfacePoint,
     vertex: usize,
-    drive: impl Fn(SurfacePoint) -> DVec3,
+    mut drive: impl FnMut(SurfacePoint) -> DVec3,
 ) -> Launch {
     // The steepest way up: a sector that holds the projected drive, else an edge.
     let mut best = (0.0, Launch::Held);

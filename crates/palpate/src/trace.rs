@@ -194,6 +194,7 @@ impl Summary {
             slips,
             evaluations,
             crossings,
+            queries: _,
             blocked,
             fenced,
             capped,

@@ -60,6 +60,7 @@ pub fn made_body(mesh: &TriangleMesh, chance: &mut Chance, making: &Making) -> B
         mixes,
         responses,
         test_point_nodes,
+        coupled: None,
         lateral_tensors,
         tool,
         slip,
