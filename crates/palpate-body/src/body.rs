@@ -311,6 +311,7 @@ impl Body {
             lateral_tensors,
             tool,
             slip,
+            tank: true,
             gradients: OnceLock::new(),
         };
         Ok(Body {
@@ -321,6 +322,12 @@ impl Body {
             test_point_nodes,
             provenance,
         })
+    }
+
+    /// The same with the tank that keeps slip from giving out energy, or without; new bodies have it.
+    pub fn with_tank(mut self, tank: bool) -> Self {
+        self.model.tank = tank;
+        self
     }
 
     /// Derives what contacts with this slip rule read besides, unless that was done before: for

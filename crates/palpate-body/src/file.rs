@@ -49,12 +49,14 @@ struct Sizes {
     other_slip: bool,
     /// Whether the law is a coupled potential: version 4.
     coupled: bool,
+    /// Whether slip is kept from giving out energy: version 4, too.
+    tank: bool,
 }
 
 impl Sizes {
     /// The least version that holds it.
     fn version(&self) -> u32 {
-        if self.coupled {
+        if self.coupled || self.tank {
             4
         } else if self.other_slip {
             3
@@ -265,7 +267,7 @@ impl Body {
         }
         let elements = file.rows("triangles").zip(file.rows("twins"));
         let mixes = file.rows("node_test_points").zip(file.rows("node_weights"));
-        Body::new(BodyParts {
+        let body = Body::new(BodyParts {
             surface: Surface {
                 smoothed: 0,
                 positions: pod_collect_to_vec(file.bytes("positions")),
@@ -281,7 +283,8 @@ impl Body {
             tool: file.json("tool", serde_json::from_str)?,
             slip: file.slip()?,
             provenance: file.json("provenance", serde_json::from_str::<Provenance>)?,
-        })
+        })?;
+        Ok(body.with_tank(file.tank()?))
     }
 
     /// The bytes that [`Body::save`] writes.
@@ -305,6 +308,7 @@ impl Body {
             anisotropic: !self.is_isotropic(),
             other_slip: self.slip != SlipRule::Paper,
             coupled: self.coupled.is_some(),
+            tank: self.has_tank(),
         }
     }
 
@@ -328,7 +332,7 @@ impl Body {
             tensors.insert(name, TensorInfo { dtype, shape, data_offsets: (start, end) });
         }
         let encode = || {
-            let __metadata__ = BTreeMap::from([
+            let mut __metadata__ = BTreeMap::from([
                 ("schema", SCHEMA.to_string()),
                 ("version", sizes.version().to_string()),
                 ("units", UNITS.to_string()),
@@ -336,6 +340,9 @@ impl Body {
                 ("slip", self.slip.name().to_string()),
                 ("provenance", serde_json::to_string(&self.provenance)?),
             ]);
+            if sizes.version() >= 4 {
+                __metadata__.insert("tank", if sizes.tank { "on" } else { "off" }.into());
+            }
             let mut header = vec![0; LENGTH];
             serde_json::to_writer(&mut header, &Header { __metadata__, tensors })?;
             Ok::<_, serde_json::Error>(header)
@@ -509,6 +516,7 @@ impl<'a> File<'a> {
             coupled: version >= 4 && self.header.info("coupled_curves").is_some(),
             anisotropic: version >= 2 && self.header.info("lateral_tensors").is_some(),
             other_slip: version >= 3,
+            tank: version >= 4,
         });
         for (name, dtype, shape) in &layout {
             let problem = match self.header.info(name) {
@@ -558,6 +566,21 @@ impl<'a> File<'a> {
             return Err(BodyError::invalid("metadata `slip`", problem, mend));
         }
         Ok(rule)
+    }
+
+    /// Whether slip is kept from giving out energy; files before version 4 knew no such thing.
+    pub fn tank(&self) -> Result<bool> {
+        if self.version < 4 {
+            return Ok(false);
+        }
+        match self.metadata("tank")? {
+            "on" => Ok(true),
+            "off" => Ok(false),
+            other => {
+                let problem = format!("it is `{other}`, where `on` or `off` belongs");
+                Err(BodyError::invalid("metadata `tank`", problem, "make the body again"))
+            }
+        }
     }
 
     /// The bytes of a tensor of [`layout`], at any alignment.

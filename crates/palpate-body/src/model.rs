@@ -27,6 +27,8 @@ pub struct ContactModel {
     pub(crate) lateral_tensors: Vec<Tensor>,
     pub(crate) tool: Tool,
     pub(crate) slip: SlipRule,
+    /// Whether slip is kept from giving out energy.
+    pub(crate) tank: bool,
     /// What follows from the rest, once it is prepared.
     pub(crate) gradients: OnceLock<Gradients>,
 }
@@ -43,6 +45,7 @@ impl PartialEq for ContactModel {
             && self.lateral_tensors == other.lateral_tensors
             && self.tool == other.tool
             && self.slip == other.slip
+            && self.tank == other.tank
     }
 }
 
@@ -50,7 +53,7 @@ impl ContactModel {
     /// Knots, tool and slip rule alone, with nothing to touch: what a [`Patch`](crate::Patch) fills.
     pub(crate) fn outline(&self) -> Self {
         let law = (self.responses.without_points(), self.potentials.without_points());
-        Self::without_surface(law, self.creased, self.tool, self.slip)
+        Self::without_surface(law, self.creased, self.tool, (self.slip, self.tank))
     }
 
     /// With the knots of a law, and nothing to touch.
@@ -58,7 +61,7 @@ impl ContactModel {
         (responses, potentials): (Responses, Potentials),
         creased: bool,
         tool: Tool,
-        slip: SlipRule,
+        (slip, tank): (SlipRule, bool),
     ) -> Self {
         ContactModel {
             nodes: Vec::new(),
@@ -70,6 +73,7 @@ impl ContactModel {
             lateral_tensors: Vec::new(),
             tool,
             slip,
+            tank,
             gradients: OnceLock::new(),
         }
     }
@@ -131,6 +135,13 @@ impl ContactModel {
     /// The tool the responses hold for.
     pub fn tool(&self) -> &Tool {
         &self.tool
+    }
+
+    /// Whether the body asks for the tank, with which slip gives out no more energy than it has dissipated before, whatever
+    /// the rule (LAW 3).
+    #[inline]
+    pub fn has_tank(&self) -> bool {
+        self.tank
     }
 
     /// The slip rule the body asks for.

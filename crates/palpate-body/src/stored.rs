@@ -155,7 +155,7 @@ impl StoredBody {
                 twins: parsed.place("twins"),
             },
             law,
-            outline: ContactModel::without_surface(outline, creased(vertices), tool, own),
+            outline: ContactModel::without_surface(outline, creased(vertices), tool, (own, parsed.tank()?)),
             search,
             nodes: positions.len(),
             test_points: at.len(),

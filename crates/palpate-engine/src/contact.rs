@@ -37,6 +37,10 @@ const ON_SURFACE: f64 = 1e-9;
 const CROSSINGS: u32 = 4;
 /// How much farther than the tool a contact point may run that waited at a patch's boundary.
 const CATCH_UP: f64 = 2.0;
+/// Iterates to where W has risen by what the tank holds; the side where it has not is taken.
+const HOLDS: u32 = 6;
+/// A root is close enough at this part of what is stored.
+const CLOSE: f64 = 1e-6;
 
 /// All that evolves while one tool touches one body: fixed in size, without a pointer to the body.
 ///
@@ -52,6 +56,8 @@ pub struct Contact {
     counters: Counters,
     /// See [`Budget::STEP`].
     budget: u32,
+    /// Whether slip may give out no more energy than the tank holds.
+    tank: bool,
 }
 
 /// What the last slips tell the next search to try first.
@@ -181,7 +187,14 @@ impl Contact {
             energy,
             counters,
             budget: Budget::STEP,
+            tank: model.has_tank(),
         }
+    }
+
+    /// The same with the tank that keeps slip from giving out energy, or without: see [`Ledger::tank_j`].
+    pub fn with_tank(mut self, tank: bool) -> Self {
+        self.tank = tank;
+        self
     }
 
     /// The slip rule in force.
@@ -458,9 +471,68 @@ impl Contact {
         if !R::LATERAL {
             self.guess.taken = field.u_t * field.pull - drive.along * drive.force;
         }
+        let (end, drive) = if self.tank && field.energy > self.allowed() && end != End::Border {
+            (End::HeldBack, self.hold_back::<L, R>(site, start, at, field, step))
+        } else {
+            (end, drive)
+        };
         self.energy.slip(field.energy);
         step.flags.slipping |= *at != start;
         (end, drive)
+    }
+
+    /// What a slip may raise W to, J: what is stored, and what the tank holds (LAW 3).
+    #[inline(always)]
+    fn allowed(&self) -> f64 {
+        self.energy.stored_j + self.energy.tank_j.max(0.0)
+    }
+
+    /// A slip that led from `start` to `at`, where W is more than allowed, goes only as far as W allows: straight over the
+    /// surface towards `at`, to the root of what W exceeds it by. Returns the drive there.
+    #[cold]
+    #[inline(never)]
+    fn hold_back<L: Lateral, R: Rule>(
+        &self,
+        site: &mut Site<L>,
+        start: SurfacePoint,
+        at: &mut SurfacePoint,
+        field: &mut Field,
+        step: &mut Step,
+    ) -> Drive {
+        let (body, allowed) = (step.body, self.allowed());
+        let way = field.c - body.point(start);
+        let v = way.normalize_or_zero();
+        // How far W is allowed for sure, by how much it stays below there, and where it is too much.
+        let (mut low, mut below) = ((0.0, start), allowed - self.energy.stored_j);
+        let (mut high, mut above) = (way.length(), field.energy - allowed);
+        let from = match launch(body, start, |_| if step.budget.cross() { v } else { DVec3::ZERO }) {
+            Launch::Along(there) => Some(there),
+            _ => None,
+        };
+        for _ in 0..HOLDS {
+            let Some(from) = from.filter(|_| below > 0.0 && !step.budget.is_spent()) else { break };
+            // The Illinois secant; W is nearly a parabola along a slip.
+            let far = low.0 + (high - low.0) * (below / (below + above));
+            let rates = Rates::new(body.corners(from.element), v);
+            let there = walk(body, from, v, far, rates, &mut step.budget).0;
+            site.move_to(there.element);
+            step.budget.evaluate();
+            *field = site.evaluate(there.n, step.tip);
+            let left = allowed - field.energy;
+            if left >= 0.0 {
+                (low, below, above) = ((far, there), left, 0.5 * above);
+                if left <= CLOSE * allowed {
+                    break;
+                }
+            } else {
+                (high, above, below) = (far, -left, 0.5 * below);
+            }
+        }
+        *at = low.1;
+        site.move_to(at.element);
+        step.budget.evaluate();
+        *field = site.evaluate(at.n, step.tip);
+        R::drive(site, at.n, field)
     }
 
     /// After a wait at a patch's boundary: the contact point runs after the tool by no more than [`CATCH_UP`] times as far
@@ -617,6 +689,7 @@ impl Contact {
         flags.blocked = end == End::Blocked;
         flags.capped = end == End::Capped;
         flags.fenced = end == End::Fenced;
+        flags.held_back = end == End::HeldBack;
         if flags.capped || flags.fenced {
             // What the rule bounds is cut to the limit: as it is where the contact point gets there.
             force += drive.along * (drive.force - field.limit).max(0.0);

@@ -65,6 +65,8 @@ pub struct Flags {
     pub fenced: bool,
     /// The step's budget was spent before the contact point had come to rest: what the slip rule bounds was cut to the limit.
     pub capped: bool,
+    /// Slip waited, wholly or in part, since it would have given out more energy than the tank held: f_r may exceed the limit.
+    pub held_back: bool,
     /// The pose held a number that is not finite or beyond 10⁴ m: no force, and the contact is kept as it was.
     pub invalid_pose: bool,
     /// The force was not finite and was replaced by zero.
@@ -85,7 +87,15 @@ pub struct Ledger {
     pub dissipated_j: f64,
     /// The part of it where W rose, as a positive sum: energy that the slip rule generated.
     pub generated_j: f64,
+    /// The tank: what slips have dissipated and later ones may give out again, at most [`TANK`] times what is stored. Below
+    /// zero after a step that gave out more, as a re-anchoring may.
+    pub tank_j: f64,
 }
+
+/// The most that the tank holds, in parts of the stored energy: enough for the ripple of coarse facets (a 24-sided cylinder
+/// pressed in by a quarter of its radius raises W by a tenth from a facet's middle to its edge), too little for a burst. It is
+/// empty whenever a contact begins.
+pub const TANK: f64 = 0.25;
 
 impl Ledger {
     /// The tool moves, c stays.
@@ -98,6 +108,7 @@ impl Ledger {
     pub(crate) fn slip(&mut self, stored_j: f64) {
         self.dissipated_j += self.stored_j - stored_j;
         self.generated_j += (stored_j - self.stored_j).max(0.0);
+        self.tank_j = (self.tank_j + (self.stored_j - stored_j)).min(TANK * stored_j.max(0.0));
         self.stored_j = stored_j;
     }
 }
@@ -124,6 +135,8 @@ pub struct Counters {
     pub fenced: u64,
     /// Steps that spent their budget.
     pub capped: u64,
+    /// Steps in which slip waited for the tank.
+    pub held_back: u64,
     /// Poses refused.
     pub invalid_poses: u64,
     /// Forces replaced by zero.
@@ -143,6 +156,7 @@ impl Counters {
             (&mut self.blocked, flags.blocked),
             (&mut self.fenced, flags.fenced),
             (&mut self.capped, flags.capped),
+            (&mut self.held_back, flags.held_back),
             (&mut self.invalid_poses, flags.invalid_pose),
             (&mut self.contained, flags.contained),
         ] {

@@ -22,6 +22,8 @@ pub(crate) enum End {
     Blocked,
     /// Over the border.
     Border,
+    /// Where W had risen by as much as the tank held.
+    HeldBack,
     /// At the edge of a patch, where it waits for the next.
     Fenced,
     /// The step's budget is spent.

@@ -260,6 +260,7 @@ impl Record {
             contained,
             started_inside,
             fenced,
+            held_back,
         ] = unbits(self.engine_flags);
         Flags {
             in_contact,
@@ -274,6 +275,7 @@ impl Record {
             contained,
             started_inside,
             fenced,
+            held_back,
         }
     }
 
@@ -321,7 +323,7 @@ fn fault_to(fault: Option<Fault>) -> (u32, i64) {
     }
 }
 
-fn engine_flags(flags: &Flags) -> [bool; 12] {
+fn engine_flags(flags: &Flags) -> [bool; 13] {
     // Taken apart by name, so that a new flag is not forgotten.
     let Flags {
         in_contact,
@@ -336,6 +338,7 @@ fn engine_flags(flags: &Flags) -> [bool; 12] {
         contained,
         started_inside,
         fenced,
+        held_back,
     } = *flags;
     [
         in_contact,
@@ -350,6 +353,7 @@ fn engine_flags(flags: &Flags) -> [bool; 12] {
         contained,
         started_inside,
         fenced,
+        held_back,
     ]
 }
 

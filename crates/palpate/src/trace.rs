@@ -202,8 +202,9 @@ impl Summary {
             contained,
             // The contact is of this body.
             underived: _,
+            held_back: _,
         } = *contact.counters();
-        let Ledger { work_j, stored_j, dissipated_j, generated_j } = *contact.energy();
+        let Ledger { work_j, stored_j, dissipated_j, generated_j, tank_j: _ } = *contact.energy();
         self.contacts = onsets;
         self.energy = Energies { work_j, stored_j, dissipated_j, generated_j };
         self.counters = Counts {
