@@ -169,7 +169,11 @@ fn the_bound_holds_at_all_deflections() {
                     let most = f64::from(gradients.most(n as u32).energy);
                     let energies = node.test_points.map(|t| strain.energy(t));
                     let energy: f64 = (0..3).map(|k| node.weights[k] * energies[k]).sum();
-                    let gradient = gradients.energy(n as u32, node.test_points[0], &strain, &Known::NONE);
+                    let gradient = gradients.energy(
+                        n as u32,
+                        node.test_points[0],
+                        &DecoupledEnergies { strain, known: Known::NONE },
+                    );
                     if most == f64::INFINITY {
                         infinite += 1;
                         continue;
