@@ -5,7 +5,7 @@
 use super::criteria::{BELOW, Criterion, Frame, Slope, lipschitz};
 use super::interval::{Box3, Interval, applied, direction, dot, flat, length, scaled, sum};
 use super::patch::{Cell, Patch, View};
-use super::slopes::{Read, Slopes};
+use super::slopes::{Read, Slopes, join3};
 use glam::{DMat3, DVec3};
 use palpate_body::SlipRule;
 
@@ -16,12 +16,46 @@ const SINGLE: f64 = 1e-6;
 /// What the slip search takes for rounding of the drive, as a share of what is taken off the lateral force.
 const NOISE: f64 = 6e-7;
 
-/// The drive g̃ = f_z by₀ + f_r by₁, and g − P g̃ likewise.
+/// The drive by the forces, g̃/f, and what it misses of g, (g − P g̃)/f: mixes of a part for each of the forces with the
+/// share s of the lateral one, apart from what b's turning takes, which depends on both at once.
 struct Drive {
     by: [Box3; 2],
     miss: [[Interval; 2]; 2],
     /// What the slip search takes for the drive's rounding.
     noise: [f64; 2],
+    lever: Lever,
+}
+
+/// b/f and what turning takes of it.
+struct Lever {
+    /// ∇(u·b) as a matrix that takes b, by rows; nodes' means less the element's own.
+    turn: [Box3; 3],
+    miss: [Box3; 2],
+    /// b/f = e ((1 − s) δr − s ζ) − s aside, before it is divided by |Σ n u|.
+    e: Box3,
+    deflection: Interval,
+    depth: Interval,
+    aside: Box3,
+    per_length: Interval,
+    u: Box3,
+    /// For `exact`, along the element and not across û.
+    own: bool,
+}
+
+impl Lever {
+    /// At a share: what is taken off the drive, and what g has more.
+    fn taken(&self, share: f64) -> (Box3, [Interval; 2]) {
+        let along = self.deflection * (1.0 - share) - self.depth * share;
+        let b = less(scaled(self.e, along), self.aside.map(|x| x * share));
+        let b = scaled(b, self.per_length);
+        let tilt = applied(&self.turn, b);
+        if self.own {
+            return (flat(tilt), [Interval::ZERO; 2]);
+        }
+        let through = dot(self.u, tilt);
+        let miss = [0, 1].map(|i| dot(self.miss[i], b) - self.u[i] * through);
+        (less(tilt, scaled(self.u, through)), miss)
+    }
 }
 
 /// Rows of matrices along x, y and z, and what the two ways of reading them differ by.
@@ -129,11 +163,22 @@ impl Drive {
     fn new(patch: &Patch, slopes: &Slopes, cell: &Cell, view: &View, frame: &Frame) -> Self {
         let (c, z, r) = (&cell.corners, cell.depth_m, cell.reach_m);
         let Start { turning, n, depth, deflection, per_q, w } = Start::new(patch, slopes, cell, view, frame);
-        // b of the module drive, for each of the forces.
-        let levers = [
-            scaled(frame.e, deflection),
-            sum([scaled(frame.e, deflection * frame.along_u * per_q), scaled(w, depth)]).map(|x| -x),
-        ];
+        let beside = deflection * frame.along_u * per_q;
+        let lever = Lever {
+            e: frame.e,
+            deflection,
+            depth: depth + beside,
+            aside: if patch.is_stretched() {
+                less(scaled(w, depth), scaled(frame.e, depth))
+            } else {
+                [Interval::ZERO; 3]
+            },
+            per_length: frame.per_length,
+            u: frame.u,
+            own: patch.slip == SlipRule::Exact,
+            turn: turning.turn,
+            miss: turning.miss,
+        };
         let energies = [
             slopes.normal.by_force(&patch.normal, c, z, view.turn),
             slopes.lateral.by_force(&patch.lateral, c, r, view.turn),
@@ -153,28 +198,26 @@ impl Drive {
                     miss[axis] = miss[axis] + quadratic(&own[axis], frame.e) * half;
                 }
             }
-            let lever = scaled(levers[k], frame.per_length);
-            let tilt = applied(&turning.turn, lever);
-            if patch.slip == SlipRule::Exact {
-                return (flat(less(forces[k], sum([mean, tilt]))), [Interval::ZERO; 2], 0.0);
+            if lever.own {
+                return (flat(less(forces[k], mean)), [Interval::ZERO; 2], 0.0);
             }
             let bent = turned(n, view, frame.u, &nodes);
-            let rounding = SINGLE
-                * (nodes.iter().flatten().map(|x| x.magnitude()).fold(0.0, f64::max)
-                    + tilt.iter().map(|x| x.magnitude()).sum::<f64>());
-            let whole = sum([mean, tilt, bent.map(|x| -x)]);
+            let tilt = lever.taken(k as f64).0.iter().map(|x| x.magnitude()).sum::<f64>();
+            let rounding =
+                SINGLE * (nodes.iter().flatten().map(|x| x.magnitude()).fold(0.0, f64::max) + tilt);
+            let whole = less(mean, bent);
             let along_u = dot(frame.u, whole);
             let reaction = less(whole, scaled(frame.u, along_u)).map(|x| x + Interval::around_zero(rounding));
             let by = if k == 0 { reaction.map(|x| -x) } else { less(w, reaction) };
             let own = |i: usize| {
                 let dip = if k == 0 { frame.u[i] } else { Interval::ZERO };
-                dip + miss[i] + dot(turning.miss[i], lever) - bent[i] - frame.u[i] * along_u
-                    + Interval::around_zero(rounding)
+                dip + miss[i] - bent[i] - frame.u[i] * along_u + Interval::around_zero(rounding)
             };
-            (by, [own(0), own(1)], NOISE * reaction.iter().map(|x| x.magnitude()).sum::<f64>())
+            let noise = NOISE * (reaction.iter().map(|x| x.magnitude()).sum::<f64>() + tilt);
+            (by, [own(0), own(1)], noise)
         });
         let [(a, b, c), (d, e, f)] = parts;
-        Drive { by: [a, d], miss: [b, e], noise: [c, f] }
+        Drive { by: [a, d], miss: [b, e], noise: [c, f], lever }
     }
 }
 
@@ -187,8 +230,9 @@ struct Piece {
     share: Interval,
     /// |P g̃|/f, at least.
     least: f64,
-    /// P g̃/f and its direction.
-    along: [Interval; 2],
+    /// g̃/f, (g − P g̃)/f, and P g̃'s direction.
+    vector: Box3,
+    miss: [Interval; 2],
     way: [Interval; 2],
 }
 
@@ -207,10 +251,16 @@ fn shares(patch: &Patch, cell: &Cell) -> Option<(Interval, Interval, [Interval; 
     Some((normal, friction, std::array::from_fn(|i| Interval::new(at(i), at(i + 1))), count))
 }
 
-/// |g̃|/f and μ f_z/f, as a mix with a share; and g̃/f itself.
-fn pull(drive: &Drive, share: Interval) -> Box3 {
-    let rest = Interval::new(1.0 - share.hi, 1.0 - share.lo);
-    sum([scaled(drive.by[0], rest), scaled(drive.by[1], share)])
+/// g̃/f and (g − P g̃)/f over a range of shares: linear in them, so that the ends bound it.
+fn pull(drive: &Drive, share: Interval) -> (Box3, [Interval; 2]) {
+    let at = |s: f64| {
+        let (taken, more) = drive.lever.taken(s);
+        let mix = |a: Interval, b: Interval| a * (1.0 - s) + b * s;
+        let vector: Box3 = std::array::from_fn(|i| mix(drive.by[0][i], drive.by[1][i]) - taken[i]);
+        (vector, [0, 1].map(|i| mix(drive.miss[0][i], drive.miss[1][i]) + more[i]))
+    };
+    let ((a, m), (b, n)) = (at(share.lo), at(share.hi));
+    (join3(a, b), [m[0].join(n[0]), m[1].join(n[1])])
 }
 
 /// What the slip search takes for rounding of [`pull`], at most.
@@ -231,7 +281,7 @@ fn slips(
     let mut rests = false;
     let pieces = std::array::from_fn(|i| {
         let share = *shares.get(i).filter(|_| i < count)?;
-        let vector = pull(drive, share);
+        let (vector, miss) = pull(drive, share);
         let (size, noise) = (length(vector), noise(drive, share));
         let limit = (friction.lo.max(0.0) * (1.0 - share.hi) * BELOW - noise).max(0.0);
         if size.hi < limit {
@@ -240,7 +290,7 @@ fn slips(
         rests |= can_rest(size, noise, friction, share);
         let along = [vector[0], vector[1]];
         let least = length(flat(vector)).lo.max(limit * flatness);
-        Some(Piece { share, least, along, way: direction(along) })
+        Some(Piece { share, least, vector, miss, way: direction(along) })
     });
     let any = pieces.iter().any(Option::is_some);
     (any && (rests || came_from_rest(patch, cell, view, frame))).then_some((pieces, normal))
@@ -275,7 +325,7 @@ fn came_from_rest(patch: &Patch, cell: &Cell, view: &View, frame: &Frame) -> boo
     let drive = Drive::new(patch, slopes, &before, &view, &frame);
     let Some((_, friction, shares, count)) = shares(patch, &before) else { return false };
     let rests =
-        |&share: &Interval| can_rest(length(pull(&drive, share)), noise(&drive, share), friction, share);
+        |&share: &Interval| can_rest(length(pull(&drive, share).0), noise(&drive, share), friction, share);
     shares.iter().take(count).any(rests)
 }
 
@@ -286,7 +336,7 @@ pub(super) fn bound(criterion: Criterion, patch: &Patch, cell: &Cell, view: &Vie
     let Some((pieces, normal)) = slips(patch, cell, view, frame, &drive) else { return f64::INFINITY };
     match criterion {
         Criterion::Passive if patch.slip == SlipRule::Exact => 0.0,
-        Criterion::Passive => passive(patch, cell, frame, &drive, &pieces),
+        Criterion::Passive => passive(patch, cell, frame, &pieces),
         // The floor is the paper's rule's.
         Criterion::Floor => f64::NEG_INFINITY,
         Criterion::SnapFree | Criterion::Lipschitz | Criterion::Pace => {
@@ -297,18 +347,12 @@ pub(super) fn bound(criterion: Criterion, patch: &Patch, cell: &Cell, view: &Vie
 }
 
 /// The least g·t/f = |P g̃|/f + (g − P g̃)·t/f, t along P g̃ or aside of it.
-fn passive(
-    patch: &Patch,
-    cell: &Cell,
-    frame: &Frame,
-    drive: &Drive,
-    pieces: &[Option<Piece>; SHARES],
-) -> f64 {
+fn passive(patch: &Patch, cell: &Cell, frame: &Frame, pieces: &[Option<Piece>; SHARES]) -> f64 {
     let (sin, cos) = patch.aside.sin_cos();
     let friction = patch.friction.hull(&cell.corners, cell.depth_m);
     let of = |p: &Piece| {
         let rest = Interval::new(1.0 - p.share.hi, 1.0 - p.share.lo);
-        let miss = [0, 1].map(|i| drive.miss[0][i] * rest + drive.miss[1][i] * p.share);
+        let miss = p.miss;
         let size = (miss[0].square() + miss[1].square()).sqrt().hi;
         let along = |t: [Interval; 2], own: f64| {
             let helps = (t[0] * miss[0] + t[1] * miss[1]).lo;
@@ -319,7 +363,7 @@ fn passive(
             return straight;
         }
         // The search leads aside of it (`Lateral::lead`).
-        let pull = pull(drive, p.share);
+        let pull = p.vector;
         let (force, stretched) = (length(pull), across(frame.u, frame.stretch(pull)));
         let limit = friction * rest;
         let way = (force - limit).clip(0.0, f64::INFINITY);
@@ -329,7 +373,7 @@ fn passive(
         // In û's plane the two are no farther apart than (2 − A) can turn a vector, and the element's is tilted.
         let [least, greatest] = patch.stretch().map(|a| (2.0 - a).max(0.0));
         let turned = 2.0 * (least * greatest).sqrt() / (least + greatest) - (1.0 - frame.u[2].lo.powi(2));
-        let own = (t[0] * p.along[0] + t[1] * p.along[1]).lo;
+        let own = (t[0] * p.vector[0] + t[1] * p.vector[1]).lo;
         straight.min(along(t, if turned > 0.0 { own.max(p.least * turned) } else { own }))
     };
     pieces.iter().flatten().map(of).fold(f64::INFINITY, f64::min)
@@ -360,13 +404,14 @@ struct Site<'a> {
     normal_slope: Interval,
     friction: Interval,
     friction_slope: Interval,
-    lateral: Interval,
     lateral_slope: Interval,
     secant: Interval,
     /// f_r' − f_r/ρ.
     bend: Interval,
-    /// g û·A δ_t, N.
-    beside: Interval,
+    /// f_z − g (δz − R) − g û·A δ_t, N: what stands by δ_t in b.
+    straight: Interval,
+    /// P_û A e − e.
+    aside: Box3,
     /// b/|Σ n u|, N.
     lever: Box3,
     /// The nodes' ∇(W_l + ½ g δ_t·A δ_t), N, and the sum of all that is taken off f_t.
@@ -388,8 +433,12 @@ impl<'a> Site<'a> {
         let (c, z, r) = (&cell.corners, cell.depth_m, cell.reach_m);
         let Start { turning, n, depth, deflection, per_q, w } = Start::new(patch, slopes, cell, view, frame);
         let lateral = patch.lateral.rising(c, r);
+        let secant = patch.lateral.secant(c, r);
+        // b = (f_z − g (δz − R) − g û·A δ_t) δ_t − g (δz − R) (P_û A − 1) δ_t.
         let beside = lateral * frame.along_u * per_q;
-        let lever = less(scaled(frame.e, deflection * (normal - beside)), scaled(w, lateral * depth));
+        let straight = patch.normal.above_line(c, z, secant, patch.radius_m) - beside;
+        let aside = if patch.is_stretched() { less(frame.w, frame.e) } else { [Interval::ZERO; 3] };
+        let lever = less(scaled(frame.e, deflection * straight), scaled(aside, secant * deflection * depth));
         let lever = scaled(lever, frame.per_length);
         let [a, b] = [
             slopes.normal.value(&patch.normal, c, z, view.turn),
@@ -426,11 +475,11 @@ impl<'a> Site<'a> {
             normal_slope: patch.normal.slope(c, z),
             friction: patch.friction.hull(c, z),
             friction_slope: patch.friction.slope(c, z),
-            lateral,
             lateral_slope: patch.lateral.slope(c, r),
-            secant: patch.lateral.secant(c, r),
+            secant,
             bend: patch.lateral.bend(c, r),
-            beside,
+            straight,
+            aside,
             lever,
             nodes,
             whole,
@@ -453,7 +502,7 @@ impl<'a> Site<'a> {
         let stretching = dot(u, turn);
         let du = less(turn, scaled(u, stretching));
         let d_depth = self.deflection * dot(e, turn) + dot(u, delta);
-        let d_tangential = std::array::from_fn(|i| delta[i] - u[i] * d_depth - du[i] * self.depth);
+        let d_tangential: Box3 = std::array::from_fn(|i| delta[i] - u[i] * d_depth - du[i] * self.depth);
         let twist = match (axis, &view.stretch) {
             (Some(k), Some((_, own))) => applied(&rows(own[k]), e),
             _ => [zero; 3],
@@ -493,12 +542,19 @@ impl<'a> Site<'a> {
         } else {
             zero
         };
-        let straight = self.normal - self.beside;
-        let pull = scaled(self.w, self.lateral);
+        // Both forces' slopes together, and what is left of A apart.
+        let along_e = self.deflection
+            * ((self.normal_slope - self.secant) * d_depth + normal_gradient - d_beside)
+            - self.depth * d_secant;
         let d_lever: Box3 = std::array::from_fn(|i| {
-            d_tangential[i] * straight + e[i] * (self.deflection * (d_normal - d_beside))
-                - d_lateral[i] * self.depth
-                - pull[i] * d_depth
+            let rest = if patch.is_stretched() {
+                (self.w[i] - e[i]) * (d_secant * self.depth)
+                    + (dw[i] - d_tangential[i]) * (self.secant * self.depth)
+                    + self.aside[i] * (self.secant * self.deflection * d_depth)
+            } else {
+                zero
+            };
+            d_tangential[i] * self.straight + e[i] * along_e - rest
         });
         let basis = view.turn;
         let mut taken = sum([
@@ -550,7 +606,21 @@ impl<'a> Site<'a> {
             taken = less(taken, scaled(points(*node), part));
         }
         // P_û turns with û.
-        let (inside, through) = (dot(u, self.whole), dot(u, taken) + dot(du, self.whole));
+        let inside = dot(u, self.whole);
+        if axis.is_some() {
+            // All that is along û is left out: the drive's direction is at right angles to it.
+            let bare: Box3 = std::array::from_fn(|i| delta[i] - turn[i] * self.depth);
+            let bare = if patch.is_stretched() {
+                std::array::from_fn(|i| d_stretched[i] - turn[i] * along)
+            } else {
+                bare
+            };
+            let drive = std::array::from_fn(|i| {
+                self.w[i] * d_secant + bare[i] * self.secant - taken[i] + turn[i] * inside
+            });
+            return Rate { drive, force, limit };
+        }
+        let through = dot(u, taken) + dot(du, self.whole);
         let reaction: Box3 = std::array::from_fn(|i| taken[i] - u[i] * through - du[i] * inside);
         Rate { drive: less(d_lateral, reaction), force, limit }
     }
@@ -564,20 +634,28 @@ impl<'a> Site<'a> {
         // v = |P v| Σ t_i a_i with a_i = E_i − N û_i/û_z.
         let lean = [0, 1].map(|i| if own { Interval::ZERO } else { frame.u[i].per(frame.u[2]) });
         let fall = [0, 1].map(|i| [0, 1].map(|j: usize| lean[i] * along[j].drive[2] - along[j].drive[i]));
-        // Whatever the direction: the least eigenvalue of the symmetric part.
-        let (mean, spread) = ((fall[0][0] + fall[1][1]) * 0.5, (fall[0][0] - fall[1][1]) * 0.5);
+        // Both entries of the diagonal at their least: a quadratic form grows with them.
+        let (mean, spread) = (0.5 * (fall[0][0].lo + fall[1][1].lo), 0.5 * (fall[0][0].lo - fall[1][1].lo));
         let skew = (fall[0][1] + fall[1][0]) * 0.5;
-        let eigenvalue = mean.lo - (spread.square() + skew.square()).sqrt().hi;
+        // Whatever the direction: its least eigenvalue.
+        let eigenvalue = mean - spread.hypot(skew.magnitude());
+        let eta = |t: [Interval; 2]| {
+            let out = lean[0] * t[0] + lean[1] * t[1];
+            let size = Interval::ONE.per((Interval::ONE + out.square()).sqrt());
+            // With t = (cos φ, sin φ): mean + spread cos 2φ + skew sin 2φ.
+            let cos2 = (t[0].square() - t[1].square()).clip(-1.0, 1.0);
+            let sin2 = (t[0] * t[1] * 2.0).clip(-1.0, 1.0);
+            let falls = mean + (cos2 * spread + skew * sin2).lo;
+            let falls = falls.max(eigenvalue);
+            let limit = (along[0].limit * t[0] + along[1].limit * t[1]).lo;
+            let limit = limit.max(-along[0].limit.magnitude().hypot(along[1].limit.magnitude()));
+            limit + falls * if falls < 0.0 { size.hi } else { size.lo }
+        };
         let ways = pieces.iter().flatten().map(|p| p.way);
+        let eta = ways.clone().map(eta).fold(f64::INFINITY, f64::min);
         let t = ways.reduce(|a, b| [a[0].join(b[0]), a[1].join(b[1])]).unwrap_or([Interval::ZERO; 2]);
         let out = lean[0] * t[0] + lean[1] * t[1];
         let size = Interval::ONE.per((Interval::ONE + out.square()).sqrt());
-        // With t = (cos φ, sin φ): mean + spread cos 2φ + skew sin 2φ.
-        let cos2 = (t[0].square() - t[1].square()).clip(-1.0, 1.0);
-        let sin2 = (t[0] * t[1] * 2.0).clip(-1.0, 1.0);
-        let falls = mean + spread * cos2 + skew * sin2;
-        let falls = Interval::new(falls.lo.max(eigenvalue), falls.hi.max(eigenvalue));
-        let eta = along[0].limit * t[0] + along[1].limit * t[1] + size * falls;
         let force = sum([scaled(along[0].force, t[0]), scaled(along[1].force, t[1])]);
 
         let v = [size * t[0], size * t[1], -(size * out)];
@@ -652,5 +730,5 @@ fn over(patch: &Patch, state: &Cell) -> Option<f64> {
     let drive = Drive::new(patch, slopes, state, &view, &frame);
     let (_, friction, shares, _) = shares(patch, state)?;
     let share = shares[0];
-    Some(length(pull(&drive, share)).hi - friction.hi * (1.0 - share.lo))
+    Some(length(pull(&drive, share).0).hi - friction.hi * (1.0 - share.lo))
 }

@@ -273,17 +273,17 @@ fn passive(
 /// The bound of S, L or the pace, from what slip does.
 pub(super) fn lipschitz(criterion: Criterion, s: &Slope) -> f64 {
     match criterion {
-        Criterion::SnapFree => s.eta.lo,
-        _ if s.eta.lo <= 0.0 => f64::NEG_INFINITY,
-        Criterion::Pace => -s.excess / s.eta.lo,
-        _ => -(s.stick + s.force * s.excess / s.eta.lo),
+        Criterion::SnapFree => s.eta,
+        _ if s.eta <= 0.0 => f64::NEG_INFINITY,
+        Criterion::Pace => -s.excess / s.eta,
+        _ => -(s.stick + s.force * s.excess / s.eta),
     }
 }
 
 /// What slip does to the drive and the force.
 pub(super) struct Slope {
-    /// η = d(L − |f_t|)/ds, N/m.
-    pub eta: Interval,
+    /// η = d(L − |f_t|)/ds, N/m, at least.
+    pub eta: f64,
     /// |∂_s f|, N/m, at most.
     pub force: f64,
     /// |∂_x(|f_t| − L)|, N/m, at most.
@@ -353,7 +353,7 @@ fn slope(patch: &Patch, cell: &Cell, view: &View, frame: &Frame, normal: Interva
     let force = sum([scaled(frame.u, d_normal), scaled(du, normal), force_t]);
     let steepest = patch.stretch()[1] * lateral_slope.hi.max(secant.hi);
     Slope {
-        eta: limit - pull,
+        eta: (limit - pull).lo,
         force: length(force).hi,
         excess: steepest.hypot(limit_slope.magnitude()),
         stick: normal_slope.hi.max(steepest),
