@@ -1,8 +1,8 @@
 //! Branch and bound: from both sides, the least value of a criterion over the slip states of an element.
 
-use super::consistent;
 use super::criteria::{Criterion, limit_reach};
 use super::patch::{Cell, Cut, Patch};
+use super::states;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
@@ -240,7 +240,7 @@ impl Cuts {
 fn sample(criterion: Criterion, patch: &Patch, state: Cell, [least, most]: [f64; 2], found: &mut Bounds) {
     if patch.slopes.is_some() {
         // At its limit, and as it is.
-        let crossing = consistent::crossing(patch, &state, [least, most], 4).map(|reach| [reach; 2]);
+        let crossing = states::crossing(patch, &state, [least, most], 4).map(|reach| [reach; 2]);
         for reach_m in crossing.into_iter().chain([state.reach_m]) {
             note(criterion, patch, Cell { reach_m, ..state }, found);
         }

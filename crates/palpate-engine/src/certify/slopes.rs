@@ -2,7 +2,9 @@
 //! E3): nodes' means, or the element's own; and how far the two differ.
 
 use super::curves::{Corners, Curves};
-use super::interval::{Box3, Interval};
+use super::interval::{Box3, Interval, sum};
+use super::law::Law;
+use super::patch::Cell;
 use glam::{DMat3, DVec2, DVec3};
 use palpate_body::{Body, Powers, SlipRule};
 
@@ -10,8 +12,8 @@ use palpate_body::{Body, Powers, SlipRule};
 #[derive(Debug, Clone)]
 pub(super) struct Slopes {
     /// ∇W of normal and of lateral energies.
-    pub normal: Energies,
-    pub lateral: Energies,
+    normal: Energies,
+    lateral: Energies,
     /// ∇(u·b) as a matrix that takes b, 1/m: the nodes'.
     turns: [DMat3; 3],
     /// ∇A of the nodes along x, y and z, 1/m.
@@ -20,7 +22,7 @@ pub(super) struct Slopes {
 
 /// The gradient of an energy, in each interval of its knots.
 #[derive(Debug, Clone)]
-pub(super) struct Energies {
+struct Energies {
     /// (knots × 3 nodes)
     nodes: Vec<[Powers; 3]>,
     /// Σ W_j ∇n_j, (knots).
@@ -123,12 +125,36 @@ impl Slopes {
             })
         })
     }
+
+    /// ∇W of normal and lateral energies over a cell, divided by their forces; near 0 with the power in common taken out.
+    /// `turn` are cosine and sine of the basis that is asked for.
+    pub fn by_force(&self, law: &Law, cell: &Cell, turn: [f64; 2]) -> [Read; 2] {
+        self.each(law, cell, |energies, curves, span| energies.by_force(curves, &cell.corners, span, turn))
+    }
+
+    /// The same, N, without what the two miss.
+    pub fn values(&self, law: &Law, cell: &Cell, turn: [f64; 2]) -> [Read; 2] {
+        self.each(law, cell, |energies, curves, span| energies.value(curves, &cell.corners, span, turn))
+    }
+
+    /// How that changes with δz and with ρ, N/m.
+    pub fn rates(&self, law: &Law, cell: &Cell, turn: [f64; 2]) -> [Read; 2] {
+        self.each(law, cell, |energies, curves, span| energies.rate(curves, &cell.corners, span, turn))
+    }
+
+    /// Σ g_l ∇W_l for a gradient of the area coordinates, N/m.
+    pub fn second(&self, law: &Law, cell: &Cell, g: [f64; 3], turn: [f64; 2]) -> Box3 {
+        sum(self.each(law, cell, |energies, curves, span| energies.second(curves, g, span, turn)))
+    }
+
+    fn each<T>(&self, law: &Law, cell: &Cell, of: impl Fn(&Energies, &Curves, [f64; 2]) -> T) -> [T; 2] {
+        let [normal, lateral] = law.curves();
+        [of(&self.normal, normal, cell.depth_m), of(&self.lateral, lateral, cell.reach_m)]
+    }
 }
 
 impl Energies {
-    /// Over a cell, divided by the force of `curves`; near 0 with the power in common taken out. `turn` are cosine and sine
-    /// of the basis that is asked for.
-    pub fn by_force(&self, curves: &Curves, corners: &Corners, span: [f64; 2], turn: [f64; 2]) -> Read {
+    fn by_force(&self, curves: &Curves, corners: &Corners, span: [f64; 2], turn: [f64; 2]) -> Read {
         self.over(curves, span, |i, s, e| {
             let (force, taken) = curves.force(corners, i, s, e);
             let of = |p: &Powers| -> Box3 {
@@ -144,19 +170,16 @@ impl Energies {
         })
     }
 
-    /// Over a cell, J/m; without what the two miss.
-    pub fn value(&self, curves: &Curves, corners: &Corners, span: [f64; 2], turn: [f64; 2]) -> Read {
+    fn value(&self, curves: &Curves, corners: &Corners, span: [f64; 2], turn: [f64; 2]) -> Read {
         self.over(curves, span, |i, s, e| self.read(corners, i, turn, false, |p| range3(p, s, e)))
     }
 
-    /// How that changes with the deflection, N/m.
-    pub fn rate(&self, curves: &Curves, corners: &Corners, span: [f64; 2], turn: [f64; 2]) -> Read {
+    fn rate(&self, curves: &Curves, corners: &Corners, span: [f64; 2], turn: [f64; 2]) -> Read {
         let slope = |p: &Powers| [p[1], p[2] * 2.0, p[3] * 3.0, p[4] * 4.0, DVec3::ZERO];
         self.over(curves, span, |i, s, e| self.read(corners, i, turn, false, |p| range3(&slope(p), s, e)))
     }
 
-    /// Σ g_l ∇W_l for a gradient of the area coordinates, N/m.
-    pub fn second(&self, curves: &Curves, g: [f64; 3], span: [f64; 2], turn: [f64; 2]) -> Box3 {
+    fn second(&self, curves: &Curves, g: [f64; 3], span: [f64; 2], turn: [f64; 2]) -> Box3 {
         let each =
             curves.pieces(span).map(|(i, s, e)| range3(&turned(&mixed3(g, &self.nodes[i]), turn), s, e));
         each.reduce(join3).unwrap_or([Interval::ZERO; 3])
