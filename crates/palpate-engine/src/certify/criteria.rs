@@ -3,6 +3,7 @@
 //! a state.
 
 use super::interval::{Box3, Interval, applied, dot, length, scaled, sum};
+use super::law::Forces;
 use super::patch::{Cell, Patch, View};
 
 /// A certificate's criterion: of each the least value over all slip states is sought.
@@ -167,35 +168,31 @@ pub(super) fn arc(half: f64) -> (Interval, Interval) {
 /// The deflection ρ with which a state's lateral force is at its limit, m.
 pub(super) fn limit_reach(patch: &Patch, state: &Cell) -> f64 {
     if patch.slopes.is_some() {
-        return super::consistent::limit_reach(patch, state);
+        return super::states::limit_reach(patch, state);
     }
     let frame = Frame::new(patch, &patch.view(state));
-    let (n, depth) = (state.corners[0], state.depth_m[0]);
-    let limit = patch.friction.value(n, depth) * patch.normal.value(n, depth);
-    patch.lateral.root(n, limit / frame.gain.lo, patch.reach_m)
+    patch.law.limit_reach(state.corners[0], state.depth_m[0], frame.gain.lo, patch.reach_m)
 }
 
-/// f_r/f_z and the normal force, of the states in a cell that slip. `None` where none do.
-fn slipping(patch: &Patch, cell: &Cell, frame: &Frame) -> Option<(Interval, Interval)> {
+/// f_r/f_z of the states in a cell that slip. `None` where none do.
+fn slipping(patch: &Patch, cell: &Cell, frame: &Frame) -> Option<Interval> {
     let (n, step) = (&cell.corners, patch.step_m);
-    let normal = patch.normal.rising(n, cell.depth_m);
-    let lateral = patch.lateral.rising(n, cell.reach_m);
-    let friction = patch.friction.hull(n, cell.depth_m);
+    let Forces { normal, lateral, friction } = patch.law.forces(cell);
     if normal.hi <= 0.0 || lateral.hi * frame.gain.hi < friction.lo * normal.lo * BELOW {
         return None;
     }
     // The tool came from a state within the limit, no farther than a step away.
     let [shallow, deep] = cell.depth_m;
     let around = [(shallow - step).max(0.0), deep + step];
-    let held = patch.friction.hull(n, around).hi * patch.normal.rising(n, around).hi;
+    let held = patch.law.held(n, around);
     let before = (cell.reach_m[0] - step * patch.stretch()[1].sqrt()).max(0.0);
-    if patch.lateral.rising(n, [before; 2]).lo * frame.gain.lo * BELOW > held {
+    if patch.law.least_lateral(n, before) * frame.gain.lo * BELOW > held {
         return None;
     }
     let quotient = |a: f64, b: f64| if a == 0.0 { 0.0 } else { a / b };
     let low = quotient(lateral.lo, normal.hi).max(friction.lo.max(0.0) * BELOW / frame.gain.hi);
     let high = quotient(lateral.hi, normal.lo);
-    Some((Interval::new(low, high.max(low)), normal))
+    Some(Interval::new(low, high.max(low)))
 }
 
 impl Criterion {
@@ -210,7 +207,7 @@ impl Criterion {
         if patch.slopes.is_some() {
             return super::consistent::bound(self, patch, cell, &view, &frame);
         }
-        let Some((ratio, normal)) = slipping(patch, cell, &frame) else { return f64::INFINITY };
+        let Some(ratio) = slipping(patch, cell, &frame) else { return f64::INFINITY };
         match self {
             Criterion::Passive => passive(patch, cell, &view, &frame)
                 .map(|(b, c)| gain(ratio, b, c))
@@ -228,7 +225,7 @@ impl Criterion {
                 -passive(patch, cell, &view, &frame).map(needs).fold(0.0, f64::max)
             }
             Criterion::SnapFree | Criterion::Lipschitz | Criterion::Pace => {
-                lipschitz(self, &slope(patch, cell, &view, &frame, normal))
+                lipschitz(self, &slope(patch, cell, &view, &frame))
             }
         }
     }
@@ -252,8 +249,7 @@ fn passive(
     view: &View,
     frame: &Frame,
 ) -> impl Iterator<Item = (Interval, Interval)> {
-    let energy_z = patch.normal.energy_gradient(&cell.corners, [view.gx, view.gy], cell.depth_m);
-    let energy_r = patch.lateral.energy_gradient(&cell.corners, [view.gx, view.gy], cell.reach_m);
+    let [energy_z, energy_r] = patch.law.energies_by_force(cell, [view.gx, view.gy]);
     let depth = Interval::new(cell.depth_m[0] - patch.radius_m, cell.depth_m[1] - patch.radius_m);
     let per_q = Interval::ONE.per(frame.q);
     let deflection = Interval::new(cell.reach_m[0], cell.reach_m[1]) * per_q;
@@ -273,17 +269,17 @@ fn passive(
 /// The bound of S, L or the pace, from what slip does.
 pub(super) fn lipschitz(criterion: Criterion, s: &Slope) -> f64 {
     match criterion {
-        Criterion::SnapFree => s.eta.lo,
-        _ if s.eta.lo <= 0.0 => f64::NEG_INFINITY,
-        Criterion::Pace => -s.excess / s.eta.lo,
-        _ => -(s.stick + s.force * s.excess / s.eta.lo),
+        Criterion::SnapFree => s.eta,
+        _ if s.eta <= 0.0 => f64::NEG_INFINITY,
+        Criterion::Pace => -s.excess / s.eta,
+        _ => -(s.stick + s.force * s.excess / s.eta),
     }
 }
 
 /// What slip does to the drive and the force.
 pub(super) struct Slope {
-    /// η = d(L − |f_t|)/ds, N/m.
-    pub eta: Interval,
+    /// η = d(L − |f_t|)/ds, N/m, at least.
+    pub eta: f64,
     /// |∂_s f|, N/m, at most.
     pub force: f64,
     /// |∂_x(|f_t| − L)|, N/m, at most.
@@ -292,7 +288,7 @@ pub(super) struct Slope {
     pub stick: f64,
 }
 
-fn slope(patch: &Patch, cell: &Cell, view: &View, frame: &Frame, normal: Interval) -> Slope {
+fn slope(patch: &Patch, cell: &Cell, view: &View, frame: &Frame) -> Slope {
     // Along the force: v = w/|w|, t along P v.
     let isotropic = view.stretch.is_none();
     let per_w = Interval::ONE.per(length(frame.w));
@@ -301,23 +297,23 @@ fn slope(patch: &Patch, cell: &Cell, view: &View, frame: &Frame, normal: Interva
     let way = if isotropic { frame.cosine } else { frame.way(t) };
     let m = frame.motion(view, t, way);
 
-    let (c, z, r) = (&cell.corners, cell.depth_m, cell.reach_m);
-    let along = |g: [Interval; 2]| t[0] * g[0] + t[1] * g[1];
-    let gradient = |curves: &super::curves::Curves, span: [f64; 2]| {
-        along([curves.gradient(view.gx, span), curves.gradient(view.gy, span)])
+    let (z, r) = (cell.depth_m, cell.reach_m);
+    let law = patch.law.reading(cell);
+    let along = {
+        let [x, y] = [view.gx, view.gy].map(|g| patch.law.gradient(cell, g));
+        let mix = |x: Interval, y: Interval| t[0] * x + t[1] * y;
+        Forces {
+            normal: mix(x.normal, y.normal),
+            lateral: mix(x.lateral, y.lateral),
+            friction: mix(x.friction, y.friction),
+        }
     };
-    let (friction, friction_slope) = (patch.friction.hull(c, z), patch.friction.slope(c, z));
-    let normal_slope = patch.normal.slope(c, z);
-    let (lateral_slope, secant) = (patch.lateral.slope(c, r), patch.lateral.secant(c, r));
 
     let depth = Interval::new(z[0] - patch.radius_m, z[1] - patch.radius_m);
     let per_q = Interval::ONE.per(frame.q);
     let deflection = Interval::new(r[0], r[1]) * per_q;
     let sinking = deflection * m.kappa - m.dip;
-    let normal_gradient = gradient(&patch.normal, z);
-    let lateral_gradient = gradient(&patch.lateral, r);
-    let limit_slope = friction_slope * normal + friction * normal_slope;
-    let limit = limit_slope * sinking + gradient(&patch.friction, z) * normal + friction * normal_gradient;
+    let limit = law.limit_rate(sinking, &along);
 
     // ∂û = turn − û (û·turn).
     let turn_u = dot(frame.u, m.turn);
@@ -326,13 +322,13 @@ fn slope(patch: &Patch, cell: &Cell, view: &View, frame: &Frame, normal: Interva
     let t3 = [t[0], t[1], Interval::ZERO];
     let d_tangential = sum([t3, scaled(frame.u, sinking), scaled(du, depth)]).map(|x| -x);
     let d_rho = (deflection * m.twisted * 0.5 - (m.way + sinking * frame.along_u + depth * m.bend)) * per_q;
-    let d_lateral = lateral_slope * d_rho + lateral_gradient;
+    let d_lateral = law.slope.lateral * d_rho + along.lateral;
     let vu = dot(v, m.turn);
     // ∂f_t along v, and the parts of it across.
     let (pull, force_t) = if isotropic {
         // ∂(f_r e) = e d f_r + f_r/δr (δ_t' − e (e·δ_t')); e·δ_t' = ∂δr.
         let across = [0, 1, 2].map(|i| d_tangential[i] - frame.e[i] * d_rho);
-        (d_lateral, [0, 1, 2].map(|i| frame.e[i] * d_lateral + across[i] * secant))
+        (d_lateral, [0, 1, 2].map(|i| frame.e[i] * d_lateral + across[i] * law.secant))
     } else {
         let Some((tensor, _)) = &view.stretch else { unreachable!("an isotropic body has no tensor") };
         let stretched_d = tensor.map(|row| dot(row, d_tangential));
@@ -340,22 +336,22 @@ fn slope(patch: &Patch, cell: &Cell, view: &View, frame: &Frame, normal: Interva
         let dw_v =
             deflection * dot(v, m.twist) + dot(stretched_v, d_tangential) - vu * frame.along_u * deflection;
         // With g = f_r/ρ: ∂g w = (∂f_r − g ∂ρ) w/ρ, and w/ρ = P A e/q.
-        let dg = d_lateral - secant * d_rho;
+        let dg = d_lateral - law.secant * d_rho;
         let a = scaled(m.twist, deflection);
         let b = [0, 1, 2].map(|i| a[i] + stretched_d[i]);
         let (bu, ue) = (dot(frame.u, b), frame.along_u * deflection);
         let du_w = dot(du, frame.stretched) * deflection;
         let dw = [0, 1, 2].map(|i| b[i] - frame.u[i] * (bu + du_w) - du[i] * ue);
-        let force = [0, 1, 2].map(|i| frame.w[i] * per_q * dg + dw[i] * secant);
-        (frame.gain * dg + secant * dw_v, force)
+        let force = [0, 1, 2].map(|i| frame.w[i] * per_q * dg + dw[i] * law.secant);
+        (frame.gain * dg + law.secant * dw_v, force)
     };
-    let d_normal = normal_slope * sinking + normal_gradient;
-    let force = sum([scaled(frame.u, d_normal), scaled(du, normal), force_t]);
-    let steepest = patch.stretch()[1] * lateral_slope.hi.max(secant.hi);
+    let d_normal = law.slope.normal * sinking + along.normal;
+    let force = sum([scaled(frame.u, d_normal), scaled(du, law.at.normal), force_t]);
+    let [_, stretch] = patch.stretch();
     Slope {
-        eta: limit - pull,
+        eta: (limit - pull).lo,
         force: length(force).hi,
-        excess: steepest.hypot(limit_slope.magnitude()),
-        stick: normal_slope.hi.max(steepest),
+        excess: law.lateral_stiffness(stretch).hypot(law.limit_slope().magnitude()),
+        stick: law.stiffness(stretch),
     }
 }

@@ -76,6 +76,18 @@ impl Curves {
         })
     }
 
+    /// Values less s (δ − `from`), for a slope s in an interval: in one polynomial, since both grow with the deflection.
+    pub fn above_line(&self, corners: &Corners, span: [f64; 2], slope: Interval, from: f64) -> Interval {
+        self.over(span, |i, s, e| {
+            let before = self.knots[i] - from;
+            let of = |n: [f64; 3], slope: f64| {
+                let [a, b, c, d] = mixed(n, &self.powers[i]);
+                range([a - slope * before, b - slope, c, d, 0.0], s, e)
+            };
+            join(corners.map(|n| of(n, slope.lo).join(of(n, slope.hi))))
+        })
+    }
+
     /// Slopes.
     pub fn slope(&self, corners: &Corners, span: [f64; 2]) -> Interval {
         self.over(span, |i, s, e| {

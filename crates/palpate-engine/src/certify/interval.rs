@@ -2,6 +2,7 @@
 //!
 //! Ends are rounded to nearest, not outwards: a bound holds up to rounding, about 10⁻¹⁴ of the terms it is made of.
 
+use glam::{DMat3, DVec3};
 use std::ops::{Add, Mul, Neg, Sub};
 
 /// All numbers from `lo` to `hi`.
@@ -174,6 +175,36 @@ pub(crate) fn flat([x, y, _]: Box3) -> Box3 {
 #[inline]
 pub(crate) fn applied(rows: &[Box3; 3], v: Box3) -> Box3 {
     rows.map(|row| dot(row, v))
+}
+
+/// a − b.
+#[inline]
+pub(crate) fn less(a: Box3, b: Box3) -> Box3 {
+    std::array::from_fn(|i| a[i] - b[i])
+}
+
+/// v − û (û·v).
+#[inline]
+pub(crate) fn across(u: Box3, v: Box3) -> Box3 {
+    less(v, scaled(u, dot(u, v)))
+}
+
+/// e·M e of a matrix by rows.
+#[inline]
+pub(crate) fn quadratic(m: &[Box3; 3], e: Box3) -> Interval {
+    dot(e, applied(m, e))
+}
+
+/// A vector.
+#[inline]
+pub(crate) fn points(v: DVec3) -> Box3 {
+    v.to_array().map(Interval::point)
+}
+
+/// A matrix, by rows.
+#[inline]
+pub(crate) fn rows(m: DMat3) -> [Box3; 3] {
+    [0, 1, 2].map(|i| points(m.row(i)))
 }
 
 /// The directions of the vectors in a rectangle, as components of unit vectors.

@@ -11,12 +11,17 @@
 mod consistent;
 mod criteria;
 mod curves;
+mod drive;
 mod interval;
+mod law;
 mod patch;
+mod rates;
 mod search;
 mod slopes;
+mod states;
 #[cfg(test)]
 mod tests;
+mod turning;
 
 use palpate_body::SlipRule;
 

@@ -1,8 +1,9 @@
 //! An element as the certificates see it, and the states of slip on it.
 
 use super::Assumptions;
-use super::curves::{Corners, Curves};
+use super::curves::Corners;
 use super::interval::{Box3, Interval};
+use super::law::Law;
 use super::slopes::Slopes;
 use glam::{DMat3, DVec2, DVec3};
 use palpate_body::{Body, SlipRule, Tensor, tensor};
@@ -136,9 +137,8 @@ pub struct Patch {
     frames: [DVec3; 3],
     /// A of the three nodes, and the least and greatest eigenvalue of any.
     tensors: Option<([DMat3; 3], [f64; 2])>,
-    pub(super) normal: Curves,
-    pub(super) friction: Curves,
-    pub(super) lateral: Curves,
+    /// Forces, friction and energies.
+    pub(super) law: Law,
     /// Which rule's slips.
     pub(super) slip: SlipRule,
     /// What its drive takes off the lateral force; none for `paper`.
@@ -171,25 +171,8 @@ impl Patch {
         let area2 = e1.x * e2.y - e1.y * e2.x;
         let (g1, g2) = (DVec2::new(e2.y, -e2.x) / area2, DVec2::new(-e1.y, e1.x) / area2);
 
-        let responses = body.responses();
-        let (depths, laterals) = (responses.depth_knots().values(), responses.lateral_knots().values());
-        let depth_rows: Vec<[[f64; 9]; 3]> = depths
-            .iter()
-            .map(|&k| nodes.map(|n| responses.depth_rows(n.test_points, k).mix(n.weights)))
-            .collect();
-        let lateral_rows = laterals.iter().map(|&k| {
-            nodes.map(|n| {
-                let [integral, a, b, c, d] = responses.lateral_rows(n.test_points, k).mix(n.weights);
-                ([a, b, c, d], integral)
-            })
-        });
-        let normal = depth_rows.iter().map(|r| r.map(|[i, a, b, c, d, ..]| ([a, b, c, d], i)));
-        let factor = assumptions.friction_factor;
-        let friction =
-            depth_rows.iter().map(|r| r.map(|[.., a, b, c, d]| ([a, b, c, d].map(|x| x * factor), 0.0)));
         let gradients = [-g1 - g2, g1, g2];
-        let normal = Curves::new(depths, normal.collect());
-        let lateral = Curves::new(laterals, lateral_rows.collect());
+        let law = Law::new(body, nodes, assumptions.friction_factor);
         let slip = assumptions.slip;
         let mut patch = Patch {
             axes,
@@ -205,11 +188,9 @@ impl Patch {
                 (tensors.map(|a| turn.transpose() * matrix(a) * turn), [least, greatest])
             }),
             slopes: (slip != SlipRule::Paper)
-                .then(|| Slopes::new(body, element, slip, axes, gradients, [&normal, &lateral])),
+                .then(|| Slopes::new(body, element, slip, axes, gradients, law.curves())),
             slip,
-            normal,
-            friction: Curves::new(depths, friction.collect()),
-            lateral,
+            law,
             radius_m: body.tool().radius_m(),
             depth_end_m: 0.0,
             reach_m: 0.0,
@@ -217,18 +198,17 @@ impl Patch {
             step_m: assumptions.step_m,
             aside: assumptions.aside_rad,
         };
-        patch.depth_end_m = assumptions.depth_m.unwrap_or(patch.normal.end()).min(patch.normal.end());
+        let [depth_end, lateral_end] = patch.law.ends();
+        patch.depth_end_m = assumptions.depth_m.unwrap_or(depth_end).min(depth_end);
         // Within the limit before the step, a step deeper: the limit then is the most that friction can hold.
-        let depth = [0.0, patch.depth_end_m + patch.step_m];
-        let held = patch.friction.hull(&WHOLE, depth).hi * patch.normal.rising(&WHOLE, depth).hi;
         let [least, greatest] = patch.stretch().map(f64::sqrt);
-        let reach = patch.lateral.reaches(held / least) + patch.step_m * greatest;
-        let farthest = FARTHEST * patch.lateral.end();
+        let held = patch.law.farthest(patch.depth_end_m + patch.step_m, least);
+        let (reach, farthest) = (held + patch.step_m * greatest, FARTHEST * lateral_end);
         patch.beyond = reach > farthest;
         patch.reach_m = reach.min(farthest);
         if patch.slopes.is_some() {
             // The energy's gradients can hold the point too, in principle at any deflection: to the curves' end it is seen to.
-            patch.reach_m = patch.reach_m.max(patch.lateral.end());
+            patch.reach_m = patch.reach_m.max(lateral_end);
         }
         patch
     }

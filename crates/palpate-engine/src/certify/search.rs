@@ -1,15 +1,15 @@
 //! Branch and bound: from both sides, the least value of a criterion over the slip states of an element.
 
-use super::consistent;
 use super::criteria::{Criterion, limit_reach};
 use super::patch::{Cell, Cut, Patch};
+use super::states;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
 /// How far a search goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effort {
-    /// Evaluations of the bound.
+    /// Evaluations of the bound: a quarter as many where P or S is lost, four times as many while either is undecided.
     pub evaluations: u32,
     /// It ends where bound and least value differ by no more than this, in the criterion's unit,
     pub absolute: f64,
@@ -32,6 +32,11 @@ pub struct Bounds {
 
 /// Less than this below zero is rounding, in the criterion's unit.
 pub const ROUNDING: f64 = 1e-9;
+
+/// How many times as many evaluations there are while P or S is undecided: and where the bound is so near to 0 that they
+/// are likely to decide it.
+const UNDECIDED: u32 = 4;
+const NEARLY: u32 = 16;
 
 /// A cell and its bound.
 struct Open {
@@ -87,8 +92,14 @@ pub fn least(criterion: Criterion, patch: &Patch, cells: &[Cell], effort: Effort
     while let Some(Open { bound, cell }) = open.peek() {
         found.proved = *bound;
         let near = effort.absolute.max(effort.relative * found.found.abs());
-        let lost = found.found < -ROUNDING && matches!(criterion, Criterion::Passive | Criterion::SnapFree);
-        let evaluations = if lost { effort.evaluations / 4 } else { effort.evaluations };
+        // A quarter will do where P or S is lost; what is neither lost nor proved is worth more than a closer bound.
+        let decides = matches!(criterion, Criterion::Passive | Criterion::SnapFree);
+        let evaluations = match decides {
+            true if found.found < -ROUNDING => effort.evaluations / 4,
+            true if *bound < -ROUNDING && -bound < 0.5 * found.found => effort.evaluations * NEARLY,
+            true if *bound < -ROUNDING => effort.evaluations * UNDECIDED,
+            _ => effort.evaluations,
+        };
         if found.found - bound <= near || found.evaluations >= evaluations {
             return found;
         }
@@ -229,7 +240,7 @@ impl Cuts {
 fn sample(criterion: Criterion, patch: &Patch, state: Cell, [least, most]: [f64; 2], found: &mut Bounds) {
     if patch.slopes.is_some() {
         // At its limit, and as it is.
-        let crossing = consistent::crossing(patch, &state, [least, most], 4).map(|reach| [reach; 2]);
+        let crossing = states::crossing(patch, &state, [least, most], 4).map(|reach| [reach; 2]);
         for reach_m in crossing.into_iter().chain([state.reach_m]) {
             note(criterion, patch, Cell { reach_m, ..state }, found);
         }

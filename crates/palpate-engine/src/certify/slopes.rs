@@ -2,7 +2,9 @@
 //! E3): nodes' means, or the element's own; and how far the two differ.
 
 use super::curves::{Corners, Curves};
-use super::interval::{Box3, Interval, range};
+use super::interval::{Box3, Interval, sum};
+use super::law::Law;
+use super::patch::Cell;
 use glam::{DMat3, DVec2, DVec3};
 use palpate_body::{Body, Powers, SlipRule};
 
@@ -10,8 +12,8 @@ use palpate_body::{Body, Powers, SlipRule};
 #[derive(Debug, Clone)]
 pub(super) struct Slopes {
     /// ∇W of normal and of lateral energies.
-    pub normal: Energies,
-    pub lateral: Energies,
+    normal: Energies,
+    lateral: Energies,
     /// ∇(u·b) as a matrix that takes b, 1/m: the nodes'.
     turns: [DMat3; 3],
     /// ∇A of the nodes along x, y and z, 1/m.
@@ -20,7 +22,7 @@ pub(super) struct Slopes {
 
 /// The gradient of an energy, in each interval of its knots.
 #[derive(Debug, Clone)]
-pub(super) struct Energies {
+struct Energies {
     /// (knots × 3 nodes)
     nodes: Vec<[Powers; 3]>,
     /// Σ W_j ∇n_j, (knots).
@@ -123,12 +125,36 @@ impl Slopes {
             })
         })
     }
+
+    /// ∇W of normal and lateral energies over a cell, divided by their forces; near 0 with the power in common taken out.
+    /// `turn` are cosine and sine of the basis that is asked for.
+    pub fn by_force(&self, law: &Law, cell: &Cell, turn: [f64; 2]) -> [Read; 2] {
+        self.each(law, cell, |energies, curves, span| energies.by_force(curves, &cell.corners, span, turn))
+    }
+
+    /// The same, N, without what the two miss.
+    pub fn values(&self, law: &Law, cell: &Cell, turn: [f64; 2]) -> [Read; 2] {
+        self.each(law, cell, |energies, curves, span| energies.value(curves, &cell.corners, span, turn))
+    }
+
+    /// How that changes with δz and with ρ, N/m.
+    pub fn rates(&self, law: &Law, cell: &Cell, turn: [f64; 2]) -> [Read; 2] {
+        self.each(law, cell, |energies, curves, span| energies.rate(curves, &cell.corners, span, turn))
+    }
+
+    /// Σ g_l ∇W_l for a gradient of the area coordinates, N/m.
+    pub fn second(&self, law: &Law, cell: &Cell, g: [f64; 3], turn: [f64; 2]) -> Box3 {
+        sum(self.each(law, cell, |energies, curves, span| energies.second(curves, g, span, turn)))
+    }
+
+    fn each<T>(&self, law: &Law, cell: &Cell, of: impl Fn(&Energies, &Curves, [f64; 2]) -> T) -> [T; 2] {
+        let [normal, lateral] = law.curves();
+        [of(&self.normal, normal, cell.depth_m), of(&self.lateral, lateral, cell.reach_m)]
+    }
 }
 
 impl Energies {
-    /// Over a cell, divided by the force of `curves`; near 0 with the power in common taken out. `turn` are cosine and sine
-    /// of the basis that is asked for.
-    pub fn by_force(&self, curves: &Curves, corners: &Corners, span: [f64; 2], turn: [f64; 2]) -> Read {
+    fn by_force(&self, curves: &Curves, corners: &Corners, span: [f64; 2], turn: [f64; 2]) -> Read {
         self.over(curves, span, |i, s, e| {
             let (force, taken) = curves.force(corners, i, s, e);
             let of = |p: &Powers| -> Box3 {
@@ -140,23 +166,20 @@ impl Energies {
                 let quotient = range3(&reduced, s, e).map(|x| x.per(force));
                 if taken == 0 { quotient } else { quotient.map(|x| x * Interval::new(s, e)) }
             };
-            self.read(corners, i, turn, of)
+            self.read(corners, i, turn, true, of)
         })
     }
 
-    /// Over a cell, J/m.
-    pub fn value(&self, curves: &Curves, corners: &Corners, span: [f64; 2], turn: [f64; 2]) -> Read {
-        self.over(curves, span, |i, s, e| self.read(corners, i, turn, |p| range3(p, s, e)))
+    fn value(&self, curves: &Curves, corners: &Corners, span: [f64; 2], turn: [f64; 2]) -> Read {
+        self.over(curves, span, |i, s, e| self.read(corners, i, turn, false, |p| range3(p, s, e)))
     }
 
-    /// How it changes with the deflection, N/m.
-    pub fn rate(&self, curves: &Curves, corners: &Corners, span: [f64; 2], turn: [f64; 2]) -> Read {
+    fn rate(&self, curves: &Curves, corners: &Corners, span: [f64; 2], turn: [f64; 2]) -> Read {
         let slope = |p: &Powers| [p[1], p[2] * 2.0, p[3] * 3.0, p[4] * 4.0, DVec3::ZERO];
-        self.over(curves, span, |i, s, e| self.read(corners, i, turn, |p| range3(&slope(p), s, e)))
+        self.over(curves, span, |i, s, e| self.read(corners, i, turn, false, |p| range3(&slope(p), s, e)))
     }
 
-    /// Σ g_l ∇W_l for a gradient of the area coordinates, N/m.
-    pub fn second(&self, curves: &Curves, g: [f64; 3], span: [f64; 2], turn: [f64; 2]) -> Box3 {
+    fn second(&self, curves: &Curves, g: [f64; 3], span: [f64; 2], turn: [f64; 2]) -> Box3 {
         let each =
             curves.pieces(span).map(|(i, s, e)| range3(&turned(&mixed3(g, &self.nodes[i]), turn), s, e));
         each.reduce(join3).unwrap_or([Interval::ZERO; 3])
@@ -164,22 +187,37 @@ impl Energies {
 
     fn over(&self, curves: &Curves, span: [f64; 2], of: impl Fn(usize, f64, f64) -> Read) -> Read {
         let each = curves.pieces(span).map(|(i, s, e)| of(i, s, e));
-        let none =
-            Read { sum: [Interval::ZERO; 3], miss: [Interval::ZERO; 2], nodes: [[Interval::ZERO; 3]; 3] };
-        each.reduce(Read::join).unwrap_or(none)
+        each.reduce(Read::join).unwrap_or(NOTHING)
     }
 
     /// In one interval.
-    fn read(&self, corners: &Corners, i: usize, turn: [f64; 2], of: impl Fn(&Powers) -> Box3) -> Read {
-        let nodes = self.nodes[i].map(|p| turned(&p, turn));
-        let element = turned(&self.element[i], turn);
+    fn read(
+        &self,
+        corners: &Corners,
+        i: usize,
+        turn: [f64; 2],
+        misses: bool,
+        of: impl Fn(&Powers) -> Box3,
+    ) -> Read {
+        let Some(nodes) = self.nodes.get(i) else { return NOTHING };
+        let nodes = [turned(&nodes[0], turn), turned(&nodes[1], turn), turned(&nodes[2], turn)];
+        let each = [of(&nodes[0]), of(&nodes[1]), of(&nodes[2])];
+        let whole = *corners == super::patch::WHOLE;
         let mixes = corners.map(|n| mixed3(n, &nodes));
-        let miss = mixes.map(|m| of(&std::array::from_fn(|k| m[k] - element[k])));
-        let [x, y, _] = join3(join3(miss[0], miss[1]), miss[2]);
-        let sums = mixes.map(|m| of(&m));
-        Read { sum: join3(join3(sums[0], sums[1]), sums[2]), miss: [x, y], nodes: nodes.map(|p| of(&p)) }
+        let sum = if whole { each } else { [of(&mixes[0]), of(&mixes[1]), of(&mixes[2])] };
+        let mut miss = [Interval::ZERO; 2];
+        if misses {
+            let element = turned(&self.element[i], turn);
+            let less = |m: &Powers| of(&std::array::from_fn(|k| m[k] - element[k]));
+            let [x, y, _] = join3(join3(less(&mixes[0]), less(&mixes[1])), less(&mixes[2]));
+            miss = [x, y];
+        }
+        Read { sum: join3(join3(sum[0], sum[1]), sum[2]), miss, nodes: each }
     }
 }
+
+const NOTHING: Read =
+    Read { sum: [Interval::ZERO; 3], miss: [Interval::ZERO; 2], nodes: [[Interval::ZERO; 3]; 3] };
 
 impl Read {
     fn join(self, o: Read) -> Read {
@@ -204,8 +242,21 @@ fn mixed3(n: [f64; 3], nodes: &[Powers; 3]) -> Powers {
     std::array::from_fn(|k| nodes[0][k] * n[0] + nodes[1][k] * n[1] + nodes[2][k] * n[2])
 }
 
-fn range3(p: &Powers, from: f64, to: f64) -> Box3 {
-    [0, 1, 2].map(|axis| range(p.map(|v| v[axis]), from, to))
+/// As [`range`](super::interval::range), of three quartics side by side.
+fn range3([a, b, c, d, e]: &Powers, from: f64, to: f64) -> Box3 {
+    let (t, h) = (from, to - from);
+    let p0 = *a + (*b + (*c + (*d + *e * t) * t) * t) * t;
+    let p1 = (*b + (*c * 2.0 + (*d * 3.0 + *e * (4.0 * t)) * t) * t) * h;
+    let p2 = (*c + (*d * 3.0 + *e * (6.0 * t)) * t) * (h * h);
+    let p3 = (*d + *e * (4.0 * t)) * (h * h * h);
+    let p4 = *e * (h * h * h * h);
+    let q1 = p0 + p1 * 0.25;
+    let q2 = p0 + p1 * 0.5 + p2 * (1.0 / 6.0);
+    let q3 = p0 + p1 * 0.75 + p2 * 0.5 + p3 * 0.25;
+    let q4 = p0 + p1 + p2 + p3 + p4;
+    let low = p0.min(q1).min(q2.min(q3)).min(q4);
+    let high = p0.max(q1).max(q2.max(q3)).max(q4);
+    [Interval::new(low.x, high.x), Interval::new(low.y, high.y), Interval::new(low.z, high.z)]
 }
 
 pub(super) fn join3(a: Box3, b: Box3) -> Box3 {

@@ -48,7 +48,7 @@ fn compare<L: Lateral>(bodies: &[Body]) {
         }
         compared += 1;
 
-        let forces = f.normal + patch.lateral.value(n, reach);
+        let forces = f.normal + patch.law.lateral_at(n, reach);
         // g·t by differences of W at a fixed tip.
         let inward = -body.outward(element);
         let project = |v: DVec3| (v - inward * v.dot(inward)).normalize();
@@ -125,7 +125,7 @@ fn drives<L: Lateral, R: Rule>(bodies: &[Body], slip: SlipRule) {
             continue;
         }
         compared += 1;
-        let forces = f.normal + patch.lateral.value(n, reach);
+        let forces = f.normal + patch.law.lateral_at(n, reach);
         let inward = -body.outward(element);
         let project = |v: DVec3| v - inward * v.dot(inward);
         let v = drive.along;

@@ -1,0 +1,286 @@
+//! How drive, force and limit change over a cell, while the contact point or the tip moves: S and L of the rules whose
+//! drive is more than the lateral force.
+
+use super::criteria::{Frame, Slope};
+use super::drive::Start;
+use super::interval::{
+    Box3, Interval, applied, dot, flat, length, less, points, quadratic, rows, scaled, sum,
+};
+use super::law::{Forces, Reading};
+use super::patch::{Cell, Patch, View};
+use super::slopes::{Read, Slopes};
+use super::states::{Piece, SHARES};
+use super::turning::{Turning, turned};
+use glam::{DMat3, DVec3};
+use palpate_body::SlipRule;
+
+/// What changes by how much while the contact point moves along the element, or the tip.
+struct Rate {
+    drive: Box3,
+    force: Box3,
+    limit: Interval,
+}
+
+/// Forces and gradients over a cell.
+pub(super) struct Rates<'a> {
+    patch: &'a Patch,
+    slopes: &'a Slopes,
+    cell: &'a Cell,
+    view: &'a View,
+    frame: &'a Frame,
+    turning: Turning,
+    n: [Interval; 3],
+    depth: Interval,
+    deflection: Interval,
+    per_q: Interval,
+    /// w/ρ.
+    w: Box3,
+    law: Reading,
+    /// f_z − g (δz − R) − g û·A δ_t, N: what stands by δ_t in b.
+    straight: Interval,
+    /// P_û A e − e.
+    aside: Box3,
+    /// b/|Σ n u|, N.
+    couple: Box3,
+    /// The nodes' ∇(W_l + ½ g δ_t·A δ_t), N, and the sum of all that is taken off f_t.
+    nodes: [Box3; 3],
+    whole: Box3,
+    /// ∂W/∂δz and ∂W/∂ρ of the nodes' gradients, N/m.
+    rates: [Read; 2],
+}
+
+impl<'a> Rates<'a> {
+    pub fn new(
+        patch: &'a Patch,
+        slopes: &'a Slopes,
+        cell: &'a Cell,
+        view: &'a View,
+        frame: &'a Frame,
+    ) -> Self {
+        let Start { turning, n, depth, deflection, per_q, w } = Start::new(patch, slopes, cell, view, frame);
+        let law = patch.law.reading(cell);
+        let (lateral, secant) = (law.at.lateral, law.secant);
+        // b = (f_z − g (δz − R) − g û·A δ_t) δ_t − g (δz − R) (P_û A − 1) δ_t.
+        let beside = lateral * frame.along_u * per_q;
+        let straight = patch.law.normal_less(cell, secant, patch.radius_m) - beside;
+        let aside = if patch.is_stretched() { less(frame.w, frame.e) } else { [Interval::ZERO; 3] };
+        let couple = less(scaled(frame.e, deflection * straight), scaled(aside, secant * deflection * depth));
+        let couple = scaled(couple, frame.per_length);
+        let [a, b] = slopes.values(&patch.law, cell, view.turn);
+        let mut mean = sum([a.sum, b.sum]);
+        let mut nodes = [0, 1, 2].map(|l: usize| sum([a.nodes[l], b.nodes[l]]));
+        let half = lateral * deflection * per_q * 0.5;
+        if let (Some((along, _)), Some(changes)) = (&turning.change, &turning.changes) {
+            for axis in 0..3 {
+                mean[axis] = mean[axis] + quadratic(&along[axis], frame.e) * half;
+                for (node, change) in nodes.iter_mut().zip(changes) {
+                    node[axis] = node[axis] + quadratic(&rows(change[axis]), frame.e) * half;
+                }
+            }
+        }
+        let mut whole = sum([mean, applied(&turning.turn, couple)]);
+        if patch.slip != SlipRule::Exact {
+            whole = less(whole, turned(n, view, frame.u, &nodes));
+        }
+        Rates {
+            patch,
+            slopes,
+            cell,
+            view,
+            frame,
+            turning,
+            n,
+            depth,
+            deflection,
+            per_q,
+            w,
+            law,
+            straight,
+            aside,
+            couple,
+            nodes,
+            whole,
+            rates: slopes.rates(&patch.law, cell, view.turn),
+        }
+    }
+
+    /// While δ changes by `delta`: as c moves along the element's `axis`, or the tip with c held.
+    fn rate(&self, delta: DVec3, axis: Option<usize>) -> Rate {
+        let Rates { patch, cell, view, frame, .. } = self;
+        let (u, e, zero) = (frame.u, frame.e, Interval::ZERO);
+        let g = axis.map_or([0.0; 3], |k| if k == 0 { view.gx } else { view.gy });
+        let delta = points(delta);
+
+        // û, δz, δ_t, ρ.
+        let turn = axis.map_or([zero; 3], |k| scaled(points(view.du[k]), frame.per_length));
+        let stretching = dot(u, turn);
+        let du = less(turn, scaled(u, stretching));
+        let d_depth = self.deflection * dot(e, turn) + dot(u, delta);
+        let d_tangential: Box3 = std::array::from_fn(|i| delta[i] - u[i] * d_depth - du[i] * self.depth);
+        let twist = match (axis, &view.stretch) {
+            (Some(k), Some((_, own))) => applied(&rows(own[k]), e),
+            _ => [zero; 3],
+        };
+        // δ_t'·A e, with du·A e = turn·w.
+        let d_rho = (dot(delta, frame.stretched) - d_depth * frame.along_u - self.depth * dot(turn, frame.w)
+            + self.deflection * dot(e, twist) * 0.5)
+            * self.per_q;
+
+        // Forces.
+        let nothing = Forces { normal: zero, lateral: zero, friction: zero };
+        let along_surface = axis.map_or(nothing, |_| patch.law.gradient(cell, g));
+        let normal_gradient = along_surface.normal;
+        let d_normal = self.law.slope.normal * d_depth + normal_gradient;
+        let limit = self.law.limit_rate(d_depth, &along_surface);
+        // ρ d(f_r/ρ), and f_t = f_r/ρ w.
+        let d_secant = self.law.bend * d_rho + along_surface.lateral;
+        let d_stretched = sum([scaled(twist, self.deflection), frame.stretch(d_tangential)]);
+        let along = self.deflection * frame.along_u;
+        let bent = self.deflection * dot(du, frame.stretched);
+        let dw = if patch.is_stretched() {
+            let through = dot(u, d_stretched) + bent;
+            std::array::from_fn(|i| d_stretched[i] - u[i] * through - du[i] * along)
+        } else {
+            d_tangential
+        };
+        let d_lateral = sum([scaled(self.w, d_secant), scaled(dw, self.law.secant)]);
+        let force = sum([scaled(u, d_normal), scaled(du, self.law.at.normal), d_lateral]);
+
+        // b, and what is taken off f_t.
+        let d_beside = if patch.is_stretched() {
+            d_secant * frame.along_u * self.per_q + self.law.secant * (bent + dot(u, d_stretched))
+        } else {
+            zero
+        };
+        // Both forces' slopes together, and what is left of A apart.
+        let along_e = self.deflection
+            * ((self.law.slope.normal - self.law.secant) * d_depth + normal_gradient - d_beside)
+            - self.depth * d_secant;
+        let d_couple: Box3 = std::array::from_fn(|i| {
+            let rest = if patch.is_stretched() {
+                (self.w[i] - e[i]) * (d_secant * self.depth)
+                    + (dw[i] - d_tangential[i]) * (self.law.secant * self.depth)
+                    + self.aside[i] * (self.law.secant * self.deflection * d_depth)
+            } else {
+                zero
+            };
+            d_tangential[i] * self.straight + e[i] * along_e - rest
+        });
+        let mut taken = sum([
+            scaled(self.rates[0].sum, d_depth),
+            scaled(self.rates[1].sum, d_rho),
+            applied(&self.turning.turn, scaled(d_couple, frame.per_length)),
+        ]);
+        let own = patch.slip == SlipRule::Exact;
+        if axis.is_some() {
+            let lengthen = scaled(applied(&self.turning.turn, self.couple), stretching);
+            taken = less(taken, lengthen);
+            if !own {
+                let mixed = (0..3).fold(DMat3::ZERO, |sum, l| sum + self.turning.each[l] * g[l]);
+                taken = sum([
+                    taken,
+                    self.slopes.second(&patch.law, cell, g, view.turn),
+                    applied(&rows(mixed), self.couple),
+                ]);
+            }
+        }
+        let mut d_nodes: [Box3; 3] = [0, 1, 2].map(|l: usize| {
+            sum([scaled(self.rates[0].nodes[l], d_depth), scaled(self.rates[1].nodes[l], d_rho)])
+        });
+        if let (Some((along, _)), Some(changes)) = (&self.turning.change, &self.turning.changes) {
+            // d(½ g δ_t·K δ_t) = ½ (ρ dg) (δr/q) e·K e + g δr e·K dδ_t.
+            let (grown, by) =
+                (d_secant * self.deflection * self.per_q * 0.5, self.law.secant * self.deflection);
+            let square = self.law.secant * self.deflection.square() * 0.5;
+            let of = |k: &[Box3; 3]| quadratic(k, e) * grown + dot(applied(k, e), d_tangential) * by;
+            for axis in 0..3 {
+                taken[axis] = taken[axis] + of(&along[axis]);
+                for (node, change) in d_nodes.iter_mut().zip(changes) {
+                    node[axis] = node[axis] + of(&rows(change[axis]));
+                }
+                if !own {
+                    let mixed = (0..3).fold(DMat3::ZERO, |sum, l| sum + changes[l][axis] * g[l]);
+                    taken[axis] = taken[axis] + quadratic(&rows(mixed), e) * square;
+                }
+            }
+        }
+        if own {
+            return Rate { drive: flat(less(force, taken)), force, limit };
+        }
+        taken = less(taken, turned(self.n, view, u, &d_nodes));
+        for (l, (node, share)) in view.frames.iter().zip(g).enumerate() {
+            // The nodes' parts of the mix, and û, change too.
+            let part = dot(less(u, points(*node)), self.nodes[l]) * (0.5 * share)
+                + self.n[l] * dot(du, self.nodes[l]) * 0.5;
+            taken = less(taken, scaled(points(*node), part));
+        }
+        // P_û turns with û.
+        let inside = dot(u, self.whole);
+        if axis.is_some() {
+            // All that is along û is left out: the drive's direction is at right angles to it.
+            let bare: Box3 = std::array::from_fn(|i| delta[i] - turn[i] * self.depth);
+            let bare = if patch.is_stretched() {
+                std::array::from_fn(|i| d_stretched[i] - turn[i] * along)
+            } else {
+                bare
+            };
+            let drive = std::array::from_fn(|i| {
+                self.w[i] * d_secant + bare[i] * self.law.secant - taken[i] + turn[i] * inside
+            });
+            return Rate { drive, force, limit };
+        }
+        let through = dot(u, taken) + dot(du, self.whole);
+        let reaction: Box3 = std::array::from_fn(|i| taken[i] - u[i] * through - du[i] * inside);
+        Rate { drive: less(d_lateral, reaction), force, limit }
+    }
+
+    /// What slip does to the drive and the force: along t, P v's direction, v = g̃/|g̃|.
+    pub fn slope(&self, pieces: &[Option<Piece>; SHARES], tips: bool) -> Slope {
+        let Rates { patch, frame, .. } = self;
+        let own = patch.slip == SlipRule::Exact;
+        let [x, y] = [DVec3::X, DVec3::Y];
+        let along = [self.rate(-x, Some(0)), self.rate(-y, Some(1))];
+        // v = |P v| Σ t_i a_i with a_i = E_i − N û_i/û_z.
+        let lean = [0, 1].map(|i| if own { Interval::ZERO } else { frame.u[i].per(frame.u[2]) });
+        let fall = [0, 1].map(|i| [0, 1].map(|j: usize| lean[i] * along[j].drive[2] - along[j].drive[i]));
+        // Both entries of the diagonal at their least: a quadratic form grows with them.
+        let (mean, spread) = (0.5 * (fall[0][0].lo + fall[1][1].lo), 0.5 * (fall[0][0].lo - fall[1][1].lo));
+        let skew = (fall[0][1] + fall[1][0]) * 0.5;
+        // Whatever the direction: its least eigenvalue.
+        let eigenvalue = mean - spread.hypot(skew.magnitude());
+        let eta = |t: [Interval; 2]| {
+            let out = lean[0] * t[0] + lean[1] * t[1];
+            let size = Interval::ONE.per((Interval::ONE + out.square()).sqrt());
+            // With t = (cos φ, sin φ): mean + spread cos 2φ + skew sin 2φ.
+            let cos2 = (t[0].square() - t[1].square()).clip(-1.0, 1.0);
+            let sin2 = (t[0] * t[1] * 2.0).clip(-1.0, 1.0);
+            let falls = mean + (cos2 * spread + skew * sin2).lo;
+            let falls = falls.max(eigenvalue);
+            let limit = (along[0].limit * t[0] + along[1].limit * t[1]).lo;
+            let limit = limit.max(-along[0].limit.magnitude().hypot(along[1].limit.magnitude()));
+            limit + falls * if falls < 0.0 { size.hi } else { size.lo }
+        };
+        let ways = pieces.iter().flatten().map(|p| p.way);
+        let eta = ways.clone().map(eta).fold(f64::INFINITY, f64::min);
+        let t = ways.reduce(|a, b| [a[0].join(b[0]), a[1].join(b[1])]).unwrap_or([Interval::ZERO; 2]);
+        let out = lean[0] * t[0] + lean[1] * t[1];
+        let size = Interval::ONE.per((Interval::ONE + out.square()).sqrt());
+        let force = sum([scaled(along[0].force, t[0]), scaled(along[1].force, t[1])]);
+
+        let v = [size * t[0], size * t[1], -(size * out)];
+        let frictionless = self.law.at.friction.lo <= 0.0;
+        let tip = |axis: DVec3| {
+            let rate = self.rate(axis, None);
+            let pull = if frictionless { length(rate.drive).hi } else { dot(v, rate.drive).magnitude() };
+            let limit = rate.limit.magnitude();
+            if frictionless { pull + limit } else { (dot(v, rate.drive) - rate.limit).magnitude() }
+        };
+        let excess: f64 = if tips { DVec3::AXES.map(tip).iter().map(|x| x * x).sum() } else { 0.0 };
+        Slope {
+            eta,
+            force: length(force).hi.min((length(along[0].force).hi).hypot(length(along[1].force).hi)),
+            excess: excess.sqrt(),
+            stick: self.law.stiffness(patch.stretch()[1]),
+        }
+    }
+}
