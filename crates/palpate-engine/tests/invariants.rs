@@ -61,39 +61,6 @@ fn kinds(rules: usize, ratios: impl Strategy<Value = f64>) -> impl Strategy<Valu
     })
 }
 
-/// A smooth random walk at `speed` m/s and 1 kHz that keeps coming back to the surface.
-struct Wander {
-    x: DVec3,
-    v: DVec3,
-    speed: f64,
-}
-
-impl Wander {
-    fn new(body: &Body, chance: &mut Chance, speed: f64) -> Self {
-        let nodes = body.element_nodes(chance.below(body.elements().len()) as u32);
-        let centre = (nodes[0].position + nodes[1].position + nodes[2].position) / 3.0;
-        let away = 1e-3 + body.tool().radius_m();
-        Wander { x: centre - nodes[0].inward * away, v: nodes[0].inward * speed, speed }
-    }
-
-    /// The next sample; `output` is what the last one gave.
-    fn next(&mut self, output: &Output, body: &Body, chance: &mut Chance) -> DVec3 {
-        let nearest = body.nearest(self.x, f64::INFINITY).unwrap();
-        let home = body.point(nearest.at);
-        let deep = output.contact.map_or(0.0, |c| c.delta_z_m);
-        let pull = if deep > 5e-3 {
-            (home - self.x).normalize_or_zero() * 0.4
-        } else if nearest.outside && nearest.distance > 1e-3 + body.tool().radius_m() {
-            (home - self.x).normalize_or_zero() * 0.3
-        } else {
-            DVec3::ZERO
-        };
-        self.v = (self.v + (chance.direction() * 0.25 + pull) * self.speed).normalize() * self.speed;
-        self.x += self.v * 1e-3;
-        self.x
-    }
-}
-
 /// A path that wanders over a body.
 fn wander(body: &Body, chance: &mut Chance, speed: f64, steps: usize) -> Vec<DVec3> {
     let (mut w, mut contact) = (Wander::new(body, chance, speed), Contact::new(body));
