@@ -353,7 +353,12 @@ impl Wander {
 }
 
 pub fn step(contact: &mut Contact, body: &palpate_body::ContactModel, p: DVec3) -> Output {
-    contact.step(body, &ToolPose::at(p.to_array()))
+    step_pose(contact, body, &ToolPose::at(p.to_array()))
+}
+
+/// Every step of these tests.
+pub fn step_pose(contact: &mut Contact, body: &palpate_body::ContactModel, pose: &ToolPose) -> Output {
+    contact.step(body, pose)
 }
 
 pub fn force(output: &Output) -> DVec3 {
