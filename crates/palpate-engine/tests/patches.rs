@@ -123,8 +123,8 @@ fn a_step_on_a_patch_is_the_step_on_the_whole_body() {
                     assert!(local.model().elements().len() < 410 && local.radius_m().is_finite());
                     (first, taken) = (false, taken + 1);
                 }
-                let expected = whole.step(&body, &pose);
-                let mut got = part.step(local.model(), &pose);
+                let expected = step_pose(&mut whole, &body, &pose);
+                let mut got = step_pose(&mut part, local.model(), &pose);
                 if let Some(c) = &mut got.contact {
                     c.element = local.global(c.element);
                 }
@@ -145,6 +145,7 @@ fn a_step_on_a_patch_is_the_step_on_the_whole_body() {
 fn a_patch_out_of_the_file_is_that_of_the_body_in_memory() {
     let mut rng = Chance::new(52);
     let folder = tempfile::tempdir().unwrap();
+    let mut touches = 0;
     let path = folder.path().join("x.body");
     for body in bodies() {
         for rule in SlipRule::ALL {
@@ -159,10 +160,9 @@ fn a_patch_out_of_the_file_is_that_of_the_body_in_memory() {
             for _ in 0..20 {
                 let p = DVec3::from_array([(); 3].map(|()| 0.06 * (rng.unit() - 0.5)));
                 let to = p + DVec3::from_array([(); 3].map(|()| 0.2 * (rng.unit() - 0.5)));
-                assert_eq!(
-                    BodySource::first_touch(&stored, p, to).unwrap(),
-                    BodySource::first_touch(&whole, p, to).unwrap()
-                );
+                let touch = BodySource::first_touch(&whole, p, to).unwrap();
+                touches += usize::from(touch.is_some());
+                assert_eq!(BodySource::first_touch(&stored, p, to).unwrap(), touch);
                 let at = BodySource::nearest(&stored, p).unwrap();
                 assert_eq!(at, BodySource::nearest(&whole, p).unwrap());
 
@@ -181,6 +181,7 @@ fn a_patch_out_of_the_file_is_that_of_the_body_in_memory() {
             }
         }
     }
+    assert!(touches > 50, "{touches}");
 }
 
 #[test]

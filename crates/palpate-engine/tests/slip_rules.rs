@@ -20,6 +20,8 @@ struct Felt {
     steepest: f64,
     /// The largest |ΔF| beyond the Lipschitz bound, N.
     excess: f64,
+    /// The part of the steps that have such a bound.
+    bounded: f64,
     /// Energy that slip generated, J, as the ledger says.
     generated: f64,
     capped: u64,
@@ -28,7 +30,9 @@ struct Felt {
 fn lead(body: &Body, rule: SlipRule, path: impl Iterator<Item = DVec3>) -> Felt {
     let mut contact = Contact::with_slip(body, rule, Ablation::None);
     let mut last: Option<(DVec3, DVec3, f64)> = None;
-    let mut felt = Felt { handed_mj: 0.0, steepest: 0.0, excess: 0.0, generated: 0.0, capped: 0 };
+    let mut felt =
+        Felt { handed_mj: 0.0, steepest: 0.0, excess: 0.0, bounded: 0.0, generated: 0.0, capped: 0 };
+    let (mut bounded, mut steps) = (0, 0);
     for x in path {
         let o = step(&mut contact, body, x);
         let f = force(&o);
@@ -39,12 +43,16 @@ fn lead(body: &Body, rule: SlipRule, path: impl Iterator<Item = DVec3>) -> Felt 
             if way > 0.0 {
                 felt.steepest = felt.steepest.max(change / way);
             }
-            felt.excess = felt.excess.max(change - bound.max(before) * way);
+            let allowed = bound.max(before) * way;
+            felt.excess = felt.excess.max(change - allowed);
+            (bounded, steps) =
+                (bounded + u32::from(allowed.is_finite()), steps + u32::from(o.flags.in_contact));
         }
         last = Some((x, f, if o.flags.in_contact { bound } else { 0.0 }));
         felt.generated = o.energy.generated_j;
     }
     felt.capped = contact.counters().capped;
+    felt.bounded = f64::from(bounded) / f64::from(steps);
     felt
 }
 
@@ -103,6 +111,7 @@ fn the_rules_energies_on_a_prism() {
         for felt in [&p, &c] {
             assert!((felt.steepest - if friction == 0.0 { 1439.0 } else { 1389.0 }).abs() < 1.0);
             assert!(felt.excess < 1e-6, "{around}: {} N beyond the bound", felt.excess);
+            assert!(felt.bounded > 0.99, "{around}: {} of the steps", felt.bounded);
         }
         assert_eq!([p.capped, c.capped, e.capped], [0; 3]);
     }
@@ -233,6 +242,7 @@ fn the_consistent_rules_leak_falls_as_h_squared() {
                         SlipRule::Exact => assert!(felt.generated < 1e-9, "{}", felt.generated),
                         SlipRule::Consistent => {
                             assert!(felt.excess < 1e-6, "{kind}: {} N beyond the bound", felt.excess);
+                            assert!(felt.bounded > 0.9, "{kind}: {} of the steps", felt.bounded);
                             assert_eq!(felt.capped, 0);
                         }
                         _ => {}

@@ -34,14 +34,19 @@ pub fn made_body(mesh: &TriangleMesh, chance: &mut Chance, making: &Making) -> B
     let vertices = surface.positions().len();
     let share = if chance.below(2) == 0 { chance.range(1.2, 3.0) } else { chance.range(10.0, 30.0) };
     let count = ((vertices as f64 / share) as usize).clamp(3, 300);
-    // As `precompute` chooses them, or wherever somebody measured.
+    let chosen = |count| test_points(&surface, &vec![true; vertices], Amount::Count(count), None).unwrap();
+    // As `precompute` chooses them; or few of those, one in each part at least, and others wherever somebody measured.
     let points = if chance.below(2) == 0 {
-        test_points(&surface, &vec![true; vertices], Amount::Count(count), None).unwrap()
+        chosen(count)
     } else {
-        let mut nodes: Vec<u32> = (0..vertices as u32).collect();
-        (0..count).for_each(|i| nodes.swap(i, i + chance.below(vertices - i)));
-        nodes.truncate(count);
-        nodes
+        let mut points = chosen(3);
+        let mut others: Vec<u32> = (0..vertices as u32).filter(|n| !points.contains(n)).collect();
+        for i in 0..count - 3 {
+            let left = others.len() - i;
+            others.swap(i, i + chance.below(left));
+        }
+        points.extend_from_slice(&others[..count - 3]);
+        points
     };
     let interpolation = if chance.below(4) == 0 { Interpolation::Linear } else { Interpolation::Pchip };
     let options = FitOptions { interpolation, default_friction: None };

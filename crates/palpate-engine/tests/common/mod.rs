@@ -320,8 +320,46 @@ pub fn ratio(most: f64) -> impl proptest::strategy::Strategy<Value = f64> {
     (proptest::bool::ANY, 1.0..most).prop_map(|(isotropic, ratio)| if isotropic { 1.0 } else { ratio })
 }
 
+/// A smooth random walk at `speed` m/s and 1 kHz that keeps coming back to the surface.
+pub struct Wander {
+    pub x: DVec3,
+    v: DVec3,
+    pub speed: f64,
+}
+
+impl Wander {
+    pub fn new(body: &Body, chance: &mut Chance, speed: f64) -> Self {
+        let nodes = body.element_nodes(chance.below(body.elements().len()) as u32);
+        let centre = (nodes[0].position + nodes[1].position + nodes[2].position) / 3.0;
+        let away = 1e-3 + body.tool().radius_m();
+        Wander { x: centre - nodes[0].inward * away, v: nodes[0].inward * speed, speed }
+    }
+
+    /// The next sample; `output` is what the last one gave.
+    pub fn next(&mut self, output: &Output, body: &Body, chance: &mut Chance) -> DVec3 {
+        let nearest = body.nearest(self.x, f64::INFINITY).unwrap();
+        let home = body.point(nearest.at);
+        let deep = output.contact.map_or(0.0, |c| c.delta_z_m);
+        let pull = if deep > 5e-3 {
+            (home - self.x).normalize_or_zero() * 0.4
+        } else if nearest.outside && nearest.distance > 1e-3 + body.tool().radius_m() {
+            (home - self.x).normalize_or_zero() * 0.3
+        } else {
+            DVec3::ZERO
+        };
+        self.v = (self.v + (chance.direction() * 0.25 + pull) * self.speed).normalize() * self.speed;
+        self.x += self.v * 1e-3;
+        self.x
+    }
+}
+
 pub fn step(contact: &mut Contact, body: &palpate_body::ContactModel, p: DVec3) -> Output {
-    contact.step(body, &ToolPose::at(p.to_array()))
+    step_pose(contact, body, &ToolPose::at(p.to_array()))
+}
+
+/// Every step of these tests.
+pub fn step_pose(contact: &mut Contact, body: &palpate_body::ContactModel, pose: &ToolPose) -> Output {
+    contact.step(body, pose)
 }
 
 pub fn force(output: &Output) -> DVec3 {
