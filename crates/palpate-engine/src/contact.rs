@@ -683,17 +683,14 @@ impl Contact {
     ) -> Output {
         let found = if end == End::Fenced { Found::Boundary { at } } else { Found::Depth { at } };
         self.state = State::after(found, step.tip);
-        let mut force = -field.force();
         let flags = &mut step.flags;
         flags.in_contact = true;
         flags.blocked = end == End::Blocked;
         flags.capped = end == End::Capped;
         flags.fenced = end == End::Fenced;
         flags.held_back = end == End::HeldBack;
-        if flags.capped || flags.fenced {
-            // What the rule bounds is cut to the limit: as it is where the contact point gets there.
-            force += drive.along * (drive.force - field.limit).max(0.0);
-        }
+        let cut = if flags.capped || flags.fenced { cut(field, end, drive) } else { DVec3::ZERO };
+        let mut force = cut - field.force();
         if !force.is_finite() {
             // The output choke point: nothing that is not a number leaves.
             flags.contained = true;
@@ -717,5 +714,67 @@ impl Contact {
 
     fn untouched(&self, flags: Flags) -> Output {
         Output { flags, energy: self.energy, ..Output::default() }
+    }
+}
+
+/// What is taken from the force where the contact point could not go on, N: what the slip rule bounds is cut to the limit,
+/// as it is where the contact point comes to rest.
+///
+/// At a patch's boundary W's slope along the surface is left, which grows with the distance from there: the lateral force is
+/// also cut to what a surface at 45° would give.
+#[cold]
+#[inline(never)]
+fn cut(field: &Field, end: End, drive: &Drive) -> DVec3 {
+    let cut = drive.along * (drive.force - field.limit).max(0.0);
+    if end != End::Fenced {
+        return cut;
+    }
+    let (u, pull) = (field.u(), field.u_t * field.pull);
+    let lateral = pull - (cut - u * cut.dot(u));
+    pull - lateral * ((field.limit + field.normal) / lateral.length()).min(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensitivity::tests::ball;
+
+    /// On a spent budget the lateral force was cut to the limit even where the rule bounds another drive: off by all that
+    /// W's slope along the surface takes from it, in one step.
+    #[test]
+    fn a_spent_budget_changes_the_force_by_no_more_than_the_step_could() {
+        for (ratio, rule) in [1.0, 3.0].into_iter().flat_map(|ratio| SlipRule::ALL.map(|rule| (ratio, rule)))
+        {
+            let body = ball(ratio);
+            let mut contact = Contact::with_slip(&body, rule, Ablation::None);
+            let at = |angle: f64, depth: f64| {
+                let p = DVec3::new(libm::sin(angle), 0.3 * libm::sin(angle), libm::cos(angle)).normalize();
+                ToolPose::at((p * (0.032 - depth)).to_array())
+            };
+            contact.step(&body, &at(0.0, -1e-3));
+            for k in 0..400 {
+                contact.step(&body, &at(1e-3 * f64::from(k), 1e-5 * f64::from(k.min(200))));
+            }
+            let (mut cut_short, mut differ) = (0, 0.0f64);
+            for k in 0..300 {
+                let pose = at(0.399 + 3e-6 * f64::from(k + 1), 2e-3);
+                let mut short = contact.clone();
+                short.budget = 8 + k % 12;
+                let [a, b] = [short.step(&body, &pose), contact.step(&body, &pose)].map(|o| {
+                    assert!(o.flags.in_contact && !o.flags.blocked);
+                    (DVec3::from_array(o.force_n), o.flags.capped)
+                });
+                assert!((a.0 - b.0).length() < 4e-4, "{rule:?} {k}: {} {}", a.0, b.0);
+                cut_short += u32::from(a.1);
+                let field = short.touching().map(|at| {
+                    let mut site = Site::<Isotropic>::new(&body, short.law, at.element);
+                    site.evaluate(at.n, DVec3::from_array(pose.position_m))
+                });
+                differ = differ.max(field.map_or(0.0, |f| f.pull - f.limit));
+            }
+            assert!(cut_short > 20, "{rule:?}: {cut_short}");
+            // Cut to the limit, f_t itself would have been far off.
+            assert!(rule != SlipRule::Consistent || differ > 1e-3, "{differ}");
+        }
     }
 }
