@@ -1,6 +1,6 @@
 //! Potentials from forces: those that are known, and the liver's.
 
-#[path = "../../palpate/tests/common/frictional.rs"]
+#[path = "../../palpate-engine/tests/common/frictional.rs"]
 mod frictional;
 
 use frictional::{Place, places};
