@@ -3,7 +3,7 @@
 use crate::curve::Curve;
 use crate::error::{BodyError, Result};
 use crate::gradient::Gradients;
-use crate::model::ContactModel;
+use crate::model::{ContactModel, identity};
 use crate::response::{Response, Responses};
 use crate::search::Search;
 use crate::surface::{
@@ -283,6 +283,9 @@ impl Body {
         let nodes = nodes.map(|((&position, &inward), mix)| Node::new(position, inward, mix));
         let nodes: Vec<Node> = nodes.collect();
         let search = Search::build(&surface.positions, elements.len(), |e| elements[e].nodes);
+        let response = |t: usize| Ok(responses[t].clone());
+        let (count, points) = (elements.len(), responses.len());
+        let identity = identity(&surface.positions, &surface.inward, count, &tool, points, response)?;
         let model = ContactModel {
             nodes,
             elements: surface.elements,
@@ -292,6 +295,7 @@ impl Body {
             lateral_tensors,
             tool,
             slip,
+            identity,
             gradients: OnceLock::new(),
         };
         Ok(Body { model, vertices: surface.vertices, curves: responses, test_point_nodes, provenance })

@@ -4,8 +4,9 @@
 //! a step sees no difference but the patch's boundary.
 
 use crate::body::{MAX_FAN, NO_NODE, Node, SlipRule, Tool, mixed_inward};
+use crate::error::Result;
 use crate::gradient::Gradients;
-use crate::response::Responses;
+use crate::response::{Response, Responses};
 use crate::search::{Search, point};
 use crate::surface::{Element, FENCE};
 use crate::tensor::{IDENTITY, Tensor};
@@ -24,6 +25,7 @@ pub struct ContactModel {
     pub(crate) lateral_tensors: Vec<Tensor>,
     pub(crate) tool: Tool,
     pub(crate) slip: SlipRule,
+    pub(crate) identity: u64,
     /// What follows from the rest, once it is prepared.
     pub(crate) gradients: OnceLock<Gradients>,
 }
@@ -45,11 +47,18 @@ impl PartialEq for ContactModel {
 impl ContactModel {
     /// Knots, tool and slip rule alone, with nothing to touch: what a [`Patch`](crate::Patch) fills.
     pub(crate) fn outline(&self) -> Self {
-        Self::without_surface(self.responses.without_points(), self.creased, self.tool, self.slip)
+        let responses = self.responses.without_points();
+        Self::without_surface(responses, self.creased, self.tool, self.slip, self.identity)
     }
 
     /// With the knots of `responses`, and nothing to touch.
-    pub(crate) fn without_surface(responses: Responses, creased: bool, tool: Tool, slip: SlipRule) -> Self {
+    pub(crate) fn without_surface(
+        responses: Responses,
+        creased: bool,
+        tool: Tool,
+        slip: SlipRule,
+        identity: u64,
+    ) -> Self {
         ContactModel {
             nodes: Vec::new(),
             elements: Vec::new(),
@@ -59,8 +68,20 @@ impl ContactModel {
             lateral_tensors: Vec::new(),
             tool,
             slip,
+            identity,
             gradients: OnceLock::new(),
         }
+    }
+
+    /// What tells this body from another. A body, its patches, and the same in its file, whatever slip rule they name, have
+    /// the same; two bodies that differ in their size, their tool, or in one of the places or test points that are sampled
+    /// (16 of each) do not.
+    ///
+    /// # Real-time
+    /// O(1).
+    #[inline]
+    pub fn identity(&self) -> u64 {
+        self.identity
     }
 
     /// The nodal gradients along the surface, which the slip rule `consistent` reads; `None` where nobody has prepared
@@ -262,4 +283,33 @@ impl ContactModel {
         let gradients = self.gradients().into_iter().flat_map(Gradients::memory);
         parts.into_iter().chain(self.responses.memory()).chain(self.search.memory()).chain(gradients)
     }
+}
+
+/// [`ContactModel::identity`]: FNV-1a of sizes, tool, and samples.
+pub(crate) fn identity(
+    positions: &[DVec3],
+    inward: &[DVec3],
+    elements: usize,
+    tool: &Tool,
+    test_points: usize,
+    response: impl Fn(usize) -> Result<Response>,
+) -> Result<u64> {
+    let mut hash = 0xcbf2_9ce4_8422_2325u64;
+    let mut eat = |word: u64| {
+        for byte in word.to_le_bytes() {
+            hash = (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+        }
+    };
+    [positions.len(), elements, test_points].iter().for_each(|&size| eat(size as u64));
+    eat(tool.radius_m().to_bits());
+    let samples = |count: usize| (0..count).step_by(count.div_ceil(16).max(1));
+    for n in samples(positions.len()) {
+        let (p, u) = (positions[n], inward[n]);
+        [p.x, p.y, p.z, u.x, u.y, u.z].iter().for_each(|x| eat(x.to_bits()));
+    }
+    for t in samples(test_points) {
+        let Response { normal, lateral, friction } = response(t)?;
+        [normal, lateral, friction].iter().for_each(|curve| eat(curve.value(1e-3).to_bits()));
+    }
+    Ok(hash)
 }

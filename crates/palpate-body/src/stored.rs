@@ -14,7 +14,7 @@ use crate::body::{
 use crate::error::{BodyError, Result};
 use crate::file::{CURVES, File, SharedKnots, Stamp, mapped};
 use crate::gradient::Gradients;
-use crate::model::ContactModel;
+use crate::model::{ContactModel, identity};
 use crate::patch::Patch;
 use crate::ranks::Ranks;
 use crate::response::{Response, Responses};
@@ -135,6 +135,8 @@ impl StoredBody {
             check_fans_whole(positions.len(), elements)?;
         }
         let search = Search::build(positions, elements.count(), |e| elements.nodes[e]);
+        let response = |t: usize| knots.response(t, t, curves);
+        let identity = identity(positions, inward, elements.count(), &tool, at.len(), response)?;
         Ok(StoredBody {
             path: path.to_path_buf(),
             file,
@@ -150,7 +152,7 @@ impl StoredBody {
                 curves: [0, 1, 2].map(|i| parsed.place(CURVES[i].tensor)),
             },
             knots,
-            outline: ContactModel::without_surface(responses, creased(vertices), tool, own),
+            outline: ContactModel::without_surface(responses, creased(vertices), tool, own, identity),
             search,
             nodes: positions.len(),
             test_points: at.len(),

@@ -5,7 +5,7 @@ use glam::DVec3;
 use palpate_body::{
     Body, BodyParts, NodeMix, Provenance, Response, SlipRule, Surface, Tensor, Tool, TriangleMesh, tensor,
 };
-use palpate_engine::{Contact, Output, ToolPose};
+use palpate_engine::{Contact, Output, ToolState};
 use proptest::strategy::Strategy;
 
 /// `count` cases, the same ones in every run; `PROPTEST_CASES` asks for more.
@@ -298,7 +298,7 @@ pub fn ratio(most: f64) -> impl proptest::strategy::Strategy<Value = f64> {
 }
 
 pub fn step(contact: &mut Contact, body: &palpate_body::ContactModel, p: DVec3) -> Output {
-    contact.step(body, &ToolPose::at(p.to_array()))
+    contact.step(body, &ToolState::at(p.to_array()), 1e-3)
 }
 
 pub fn force(output: &Output) -> DVec3 {
