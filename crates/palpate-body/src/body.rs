@@ -3,7 +3,7 @@
 use crate::curve::Curve;
 use crate::error::{BodyError, Result};
 use crate::gradient::Gradients;
-use crate::model::ContactModel;
+use crate::model::{ContactModel, identity, sampled};
 use crate::potential::{CoupledLaw, Potential, Potentials};
 use crate::response::{Response, Responses};
 use crate::search::Search;
@@ -301,6 +301,13 @@ impl Body {
         let nodes = nodes.map(|((&position, &inward), mix)| Node::new(position, inward, mix));
         let nodes: Vec<Node> = nodes.collect();
         let search = Search::build(&surface.positions, elements.len(), |e| elements[e].nodes);
+        let which = sampled(points);
+        let chosen = which.iter().filter_map(|&t| responses.get(t as usize)).flat_map(Response::curves);
+        let law = coupled.as_ref().map_or(&[][..], |law| &law.potentials);
+        let potentials_chosen = which.iter().filter_map(|&t| law.get(t as usize)).flat_map(Potential::curves);
+        let curves = chosen.chain(potentials_chosen);
+        let sizes = [elements.len(), points];
+        let identity = identity(&surface.positions, &surface.inward, sizes, &tool, curves);
         let model = ContactModel {
             nodes,
             elements: surface.elements,
@@ -312,6 +319,7 @@ impl Body {
             tool,
             slip,
             tank: true,
+            identity,
             gradients: OnceLock::new(),
         };
         Ok(Body {

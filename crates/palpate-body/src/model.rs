@@ -4,6 +4,7 @@
 //! a step sees no difference but the patch's boundary.
 
 use crate::body::{MAX_FAN, NO_NODE, Node, SlipRule, Tool, mixed_inward};
+use crate::curve::Curve;
 use crate::gradient::Gradients;
 use crate::potential::Potentials;
 use crate::response::Responses;
@@ -29,6 +30,7 @@ pub struct ContactModel {
     pub(crate) slip: SlipRule,
     /// Whether slip is kept from giving out energy.
     pub(crate) tank: bool,
+    pub(crate) identity: u64,
     /// What follows from the rest, once it is prepared.
     pub(crate) gradients: OnceLock<Gradients>,
 }
@@ -53,7 +55,7 @@ impl ContactModel {
     /// Knots, tool and slip rule alone, with nothing to touch: what a [`Patch`](crate::Patch) fills.
     pub(crate) fn outline(&self) -> Self {
         let law = (self.responses.without_points(), self.potentials.without_points());
-        Self::without_surface(law, self.creased, self.tool, (self.slip, self.tank))
+        Self::without_surface(law, self.creased, self.tool, (self.slip, self.tank), self.identity)
     }
 
     /// With the knots of a law, and nothing to touch.
@@ -62,6 +64,7 @@ impl ContactModel {
         creased: bool,
         tool: Tool,
         (slip, tank): (SlipRule, bool),
+        identity: u64,
     ) -> Self {
         ContactModel {
             nodes: Vec::new(),
@@ -74,8 +77,20 @@ impl ContactModel {
             tool,
             slip,
             tank,
+            identity,
             gradients: OnceLock::new(),
         }
+    }
+
+    /// What tells this body from another. A body, its patches, and the same in its file, whatever slip rule they name, have
+    /// the same; two bodies that differ in their size, their tool, or in one of the places or test points that are sampled
+    /// (16 of each) do not.
+    ///
+    /// # Real-time
+    /// O(1).
+    #[inline]
+    pub fn identity(&self) -> u64 {
+        self.identity
     }
 
     /// The nodal gradients along the surface, which the slip rule `consistent` reads; `None` where nobody has prepared
@@ -301,4 +316,34 @@ impl ContactModel {
             .chain(self.search.memory())
             .chain(gradients)
     }
+}
+
+/// [`ContactModel::identity`]: FNV-1a of sizes, tool, and samples; `curves` are those of the test points that are
+/// [`sampled`].
+pub(crate) fn identity<'a>(
+    positions: &[DVec3],
+    inward: &[DVec3],
+    sizes: [usize; 2],
+    tool: &Tool,
+    curves: impl Iterator<Item = &'a Curve>,
+) -> u64 {
+    let mut hash = 0xcbf2_9ce4_8422_2325u64;
+    let mut eat = |word: u64| {
+        for byte in word.to_le_bytes() {
+            hash = (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+        }
+    };
+    sizes.iter().chain([&positions.len()]).for_each(|&size| eat(size as u64));
+    eat(tool.radius_m().to_bits());
+    for n in sampled(positions.len()) {
+        let (p, u) = (positions[n as usize], inward[n as usize]);
+        [p.x, p.y, p.z, u.x, u.y, u.z].iter().for_each(|x| eat(x.to_bits()));
+    }
+    curves.for_each(|curve| eat(curve.value(1e-3).to_bits()));
+    hash
+}
+
+/// Some of so many things.
+pub(crate) fn sampled(count: usize) -> Vec<u32> {
+    (0..count as u32).step_by(count.div_ceil(16).max(1)).collect()
 }

@@ -389,6 +389,11 @@ impl Sample {
 }
 
 impl Response {
+    /// Its curves.
+    pub fn curves(&self) -> [&Curve; 3] {
+        [&self.normal, &self.lateral, &self.friction]
+    }
+
     /// The paper's example (6), (7): f^z = 100 k_z δz², f^r = k_r δr, constant μ; exact up to the given deflections.
     ///
     /// `normal_stiffness` k_z and `lateral_stiffness` k_r in N/m; deflections in m.

@@ -14,7 +14,7 @@ use crate::body::{
 use crate::error::{BodyError, Result};
 use crate::file::{CURVES, CoupledHeader, File, SharedKnots, Stamp, mapped};
 use crate::gradient::Gradients;
-use crate::model::ContactModel;
+use crate::model::{ContactModel, identity, sampled};
 use crate::patch::Patch;
 use crate::potential::{CoupledLaw, Potential, Potentials};
 use crate::ranks::Ranks;
@@ -141,7 +141,7 @@ impl StoredBody {
             check_fans_whole(positions.len(), elements)?;
         }
         let search = Search::build(positions, elements.count(), |e| elements.nodes[e]);
-        Ok(StoredBody {
+        let mut body = StoredBody {
             path: path.to_path_buf(),
             file,
             stamp,
@@ -155,14 +155,26 @@ impl StoredBody {
                 twins: parsed.place("twins"),
             },
             law,
-            outline: ContactModel::without_surface(outline, creased(vertices), tool, (own, parsed.tank()?)),
+            outline: ContactModel::without_surface(
+                outline,
+                creased(vertices),
+                tool,
+                (own, parsed.tank()?),
+                0,
+            ),
             search,
             nodes: positions.len(),
             test_points: at.len(),
             isotropic,
             gradients,
             extent: Extent::of(positions.iter().copied()),
-        })
+        };
+        let which = sampled(at.len());
+        let (responses, law) = (body.reading().responses(&which)?, body.reading().potentials(&which)?);
+        let potentials = law.iter().flat_map(|law| &law.potentials).flat_map(Potential::curves);
+        let curves = responses.iter().flat_map(Response::curves).chain(potentials);
+        body.outline.identity = identity(positions, inward, [elements.count(), at.len()], &tool, curves);
+        Ok(body)
     }
 
     /// Every test point's response, on its own; with what an outline holds of all.

@@ -9,7 +9,7 @@ use glam::DVec3;
 use gungraun::{library_benchmark, library_benchmark_group, main};
 use palpate_body::shape::{Resolution, Shape};
 use palpate_body::{Body, BodyParts, NodeMix, Provenance, Response, SlipRule, Tool, tensor};
-use palpate_engine::{Ablation, Contact, ToolPose};
+use palpate_engine::{Ablation, Contact, Flags, ToolState};
 use std::f64::consts::TAU;
 use std::hint::black_box;
 
@@ -89,19 +89,19 @@ fn mix(row: u32, column: u32, finer: u32) -> NodeMix {
 }
 
 /// At an angle (rad), height (m) and depth below the surface (m).
-fn at(angle: f64, z: f64, depth: f64) -> ToolPose {
+fn at(angle: f64, z: f64, depth: f64) -> ToolState {
     let r = RADIUS - depth;
-    ToolPose::at([r * libm::cos(angle), r * libm::sin(angle), z])
+    ToolState::at([r * libm::cos(angle), r * libm::sin(angle), z])
 }
 
 /// A body, a contact for each run of poses, and the poses.
-type Scene = (Body, Vec<(Contact, Vec<ToolPose>)>);
+type Scene = (Body, Vec<(Contact, Vec<ToolState>)>);
 
 /// A contact that `before` has led to where the counting begins.
-fn warm(body: Body, rule: SlipRule, before: &[ToolPose], counted: Vec<ToolPose>) -> Scene {
+fn warm(body: Body, rule: SlipRule, before: &[ToolState], counted: Vec<ToolState>) -> Scene {
     let mut contact = Contact::with_slip(&body, rule, Ablation::None);
     for pose in before.iter().chain(&counted) {
-        contact.step(&body, pose);
+        contact.step(&body, pose, 1e-3);
     }
     (body, vec![(contact, counted)])
 }
@@ -144,9 +144,9 @@ fn onset(finer: u32) -> Scene {
     let place = |i: u32| (f64::from(i) * 2.399, 0.04 * libm::sin(f64::from(i)));
     let contacts = (0..STEPS).map(place).map(|(angle, z)| {
         let mut contact = Contact::new(&body);
-        contact.step(&body, &at(angle, z, -5e-4));
+        contact.step(&body, &at(angle, z, -5e-4), 1e-3);
         let deep = at(angle, z, 5e-4);
-        assert!(contact.clone().step(&body, &deep).flags.onset);
+        assert!(contact.clone().step(&body, &deep, 1e-3).flags.has(Flags::ONSET));
         (contact, vec![deep])
     });
     let contacts = contacts.collect();
@@ -179,7 +179,7 @@ fn onset(finer: u32) -> Scene {
 fn hundred_steps((body, mut contacts): Scene) -> Scene {
     for (contact, poses) in &mut contacts {
         for pose in poses.iter() {
-            black_box(contact.step(&body, black_box(pose)));
+            black_box(contact.step(&body, black_box(pose), 1e-3));
         }
     }
     // Given back, so that dropping it is not counted.

@@ -23,8 +23,9 @@ use crate::coupled::Coupled;
 use crate::decoupled::{Isotropic, Stretch};
 use crate::drive::{Consistent, Drive, Exact, Paper, Rule};
 use crate::field::{Ablation, Field, Law, Site};
+use crate::flags::Flags;
 use crate::lateral::Lateral;
-use crate::output::{ContactPoint, Counters, Flags, Ledger, Output, ToolPose};
+use crate::output::{ContactPoint, Counters, Ledger, Output, ToolState};
 use crate::sensitivity;
 use crate::slip::{self, End, Pace};
 use crate::walk::{Launch, Rates, launch, walk};
@@ -44,10 +45,13 @@ const CLOSE: f64 = 1e-6;
 
 /// All that evolves while one tool touches one body: fixed in size, without a pointer to the body.
 ///
-/// Every step must be given the body the contact was made for; with another, forces are meaningless but bounded. A contact
-/// that slips by `consistent` on a body whose gradients nobody derived counts that ([`Counters::underived`]).
+/// Every step must be given the body that the contact was made for, or a patch of it ([`ContactModel::identity`]): on another
+/// there is no force, and the step says so ([`Flags::OTHER_BODY`]). A contact that slips by `consistent` on a body whose
+/// gradients nobody derived counts that ([`Counters::underived`]).
 #[derive(Debug, Clone)]
 pub struct Contact {
+    /// Of the body it is for.
+    body: u64,
     law: Law,
     rule: SlipRule,
     state: State,
@@ -180,6 +184,7 @@ impl Contact {
         let law = Law { ablation, radius_m: model.tool().radius_m() };
         let (energy, counters) = (Ledger::default(), Counters::default());
         Contact {
+            body: model.identity(),
             law,
             rule,
             state: State::Unknown,
@@ -262,47 +267,51 @@ impl Contact {
         self.state = State::Unknown;
     }
 
-    /// One sample: a tool pose in, the force on the tool out.
+    /// One sample: where the tool is and how long after the last one (s, finite and not negative), and out comes the force
+    /// on it. Nothing depends on the time yet.
     ///
     /// # Real-time
-    /// Bounded; never allocates, locks, logs, reads a clock or a file, or panics. In free space it costs a distance
-    /// comparison until the tip has used up the clearance that the last query found.
-    pub fn step(&mut self, body: &ContactModel, pose: &ToolPose) -> Output {
+    /// Bounded ([`Counters::evaluations`]); never allocates, locks, logs, reads a clock or a file, or panics. In free space it
+    /// costs a distance comparison until the tip has used up the clearance that the last query found.
+    pub fn step(&mut self, body: &ContactModel, tool: &ToolState, dt_s: f64) -> Output {
         if body.is_coupled() {
             return match self.rule {
-                SlipRule::Consistent => self.step_as::<Coupled, Consistent>(body, pose),
-                SlipRule::Exact => self.step_as::<Coupled, Exact>(body, pose),
-                _ => self.step_as::<Coupled, Paper>(body, pose),
+                SlipRule::Consistent => self.step_as::<Coupled, Consistent>(body, tool, dt_s),
+                SlipRule::Exact => self.step_as::<Coupled, Exact>(body, tool, dt_s),
+                _ => self.step_as::<Coupled, Paper>(body, tool, dt_s),
             };
         }
         match (self.rule, body.is_isotropic()) {
-            (SlipRule::Consistent, true) => self.step_as::<Isotropic, Consistent>(body, pose),
-            (SlipRule::Consistent, false) => self.step_as::<Stretch, Consistent>(body, pose),
-            (SlipRule::Exact, true) => self.step_as::<Isotropic, Exact>(body, pose),
-            (SlipRule::Exact, false) => self.step_as::<Stretch, Exact>(body, pose),
-            (_, true) => self.step_as::<Isotropic, Paper>(body, pose),
-            (_, false) => self.step_as::<Stretch, Paper>(body, pose),
+            (SlipRule::Consistent, true) => self.step_as::<Isotropic, Consistent>(body, tool, dt_s),
+            (SlipRule::Consistent, false) => self.step_as::<Stretch, Consistent>(body, tool, dt_s),
+            (SlipRule::Exact, true) => self.step_as::<Isotropic, Exact>(body, tool, dt_s),
+            (SlipRule::Exact, false) => self.step_as::<Stretch, Exact>(body, tool, dt_s),
+            (_, true) => self.step_as::<Isotropic, Paper>(body, tool, dt_s),
+            (_, false) => self.step_as::<Stretch, Paper>(body, tool, dt_s),
         }
     }
 
     /// Apart from the choice between them, which is a jump.
     #[inline(never)]
-    fn step_as<L: Lateral, R: Rule>(&mut self, body: &ContactModel, pose: &ToolPose) -> Output {
+    fn step_as<L: Lateral, R: Rule>(&mut self, body: &ContactModel, tool: &ToolState, dt_s: f64) -> Output {
         self.counters.steps += 1;
         let mut flags = Flags::default();
-        let Some(tip) = pose.accept() else {
-            flags.invalid_pose = true;
-            flags.in_contact = self.touching().is_some();
-            self.counters.count(&flags);
+        flags.set(Flags::INVALID_TIME, !(0.0..f64::INFINITY).contains(&dt_s));
+        let Some(tip) = tool.accept().filter(|_| body.identity() == self.body) else {
+            flags.set(Flags::INVALID_POSE, tool.accept().is_none());
+            flags.set(Flags::OTHER_BODY, body.identity() != self.body);
+            flags.set(Flags::IN_CONTACT, self.touching().is_some());
+            self.counters.count(flags);
             return self.untouched(flags);
         };
-        let mut step = Step { body, from: tip, tip, flags, budget: Budget::new(self.budget), queries: 0 };
+        let budget = Budget::new(self.budget);
+        let mut step = Step { body, from: tip, tip, flags, budget, queries: 0 };
         let output = self.stages::<L, R>(&mut step);
-        self.counters.count(&output.flags);
+        self.counters.count(output.flags);
         self.counters.evaluations += u64::from(step.budget.evaluations);
         self.counters.crossings += u64::from(step.budget.crossings);
         self.counters.queries += u64::from(step.queries);
-        self.counters.underived += u64::from(output.flags.in_contact && !R::is_ready(body));
+        self.counters.underived += u64::from(output.flags.has(Flags::IN_CONTACT) && !R::is_ready(body));
         output
     }
 
@@ -326,11 +335,12 @@ impl Contact {
                 None => return self.untouched(step.flags),
             },
             State::Inside { asked_at, clear } if step.tip.distance(asked_at) < clear => {
-                step.flags.started_inside = true;
+                step.flags.set(Flags::STARTED_INSIDE, true);
                 return self.untouched(step.flags);
             }
             State::Inside { .. } | State::Unknown => {
-                step.flags.started_inside = self.look_around::<L, R>(step);
+                let inside = self.look_around::<L, R>(step);
+                step.flags.set(Flags::STARTED_INSIDE, inside);
                 return self.untouched(step.flags);
             }
         };
@@ -343,7 +353,7 @@ impl Contact {
             (end, drive) = self.catch_up::<L, R>(from, &mut site, &mut at, &mut field, (end, drive), step);
         }
         if field.depth > 0.0 && end != End::Border {
-            step.flags.onset = new.is_some();
+            step.flags.set(Flags::ONSET, new.is_some());
             return self.answer(at, &field, end, &drive, step);
         }
         let new = new.map(|guess| (before, guess));
@@ -477,7 +487,7 @@ impl Contact {
             (end, drive)
         };
         self.energy.slip(field.energy);
-        step.flags.slipping |= *at != start;
+        step.flags.set(Flags::SLIPPING, *at != start);
         (end, drive)
     }
 
@@ -588,15 +598,15 @@ impl Contact {
         match new {
             Some(kept) => {
                 self.restore(kept);
-                step.flags.slipping = false;
+                step.flags.unset(Flags::SLIPPING);
             }
             None => {
                 self.energy.slip(0.0);
-                step.flags.released = true;
+                step.flags.set(Flags::RELEASED, true);
             }
         }
         if end == End::Border {
-            step.flags.border = true;
+            step.flags.set(Flags::BORDER, true);
             // Beyond the border the tool may hang under the sheet: only seen from outside may it touch again.
             self.look_around::<L, R>(step);
             return self.untouched(step.flags);
@@ -649,8 +659,8 @@ impl Contact {
         }
         let (end, drive) = self.slip::<L, R>(&mut site, &mut at, &mut field, step);
         if field.depth > 0.0 && end != End::Border {
-            step.flags.reanchored = flags.released;
-            step.flags.onset = !flags.released;
+            let released = flags.has(Flags::RELEASED);
+            step.flags.set(if released { Flags::REANCHORED } else { Flags::ONSET }, true);
             return Ok(self.answer(at, &field, end, &drive, step));
         }
         self.restore(kept);
@@ -684,16 +694,16 @@ impl Contact {
         let found = if end == End::Fenced { Found::Boundary { at } } else { Found::Depth { at } };
         self.state = State::after(found, step.tip);
         let flags = &mut step.flags;
-        flags.in_contact = true;
-        flags.blocked = end == End::Blocked;
-        flags.capped = end == End::Capped;
-        flags.fenced = end == End::Fenced;
-        flags.held_back = end == End::HeldBack;
-        let cut = if flags.capped || flags.fenced { cut(field, end, drive) } else { DVec3::ZERO };
+        flags.set(Flags::IN_CONTACT, true);
+        flags.set(Flags::BLOCKED, end == End::Blocked);
+        flags.set(Flags::CAPPED, end == End::Capped);
+        flags.set(Flags::FENCED, end == End::Fenced);
+        flags.set(Flags::HELD_BACK, end == End::HeldBack);
+        let cut = if matches!(end, End::Capped | End::Fenced) { cut(field, end, drive) } else { DVec3::ZERO };
         let mut force = cut - field.force();
         if !force.is_finite() {
             // The output choke point: nothing that is not a number leaves.
-            flags.contained = true;
+            flags.set(Flags::CONTAINED, true);
             force = DVec3::ZERO;
         }
         let contact = ContactPoint {
@@ -749,20 +759,20 @@ mod tests {
             let mut contact = Contact::with_slip(&body, rule, Ablation::None);
             let at = |angle: f64, depth: f64| {
                 let p = DVec3::new(libm::sin(angle), 0.3 * libm::sin(angle), libm::cos(angle)).normalize();
-                ToolPose::at((p * (0.032 - depth)).to_array())
+                ToolState::at((p * (0.032 - depth)).to_array())
             };
-            contact.step(&body, &at(0.0, -1e-3));
+            contact.step(&body, &at(0.0, -1e-3), 1e-3);
             for k in 0..400 {
-                contact.step(&body, &at(1e-3 * f64::from(k), 1e-5 * f64::from(k.min(200))));
+                contact.step(&body, &at(1e-3 * f64::from(k), 1e-5 * f64::from(k.min(200))), 1e-3);
             }
             let (mut cut_short, mut differ) = (0, 0.0f64);
             for k in 0..300 {
                 let pose = at(0.399 + 3e-6 * f64::from(k + 1), 2e-3);
                 let mut short = contact.clone();
                 short.budget = 8 + k % 12;
-                let [a, b] = [short.step(&body, &pose), contact.step(&body, &pose)].map(|o| {
-                    assert!(o.flags.in_contact && !o.flags.blocked);
-                    (DVec3::from_array(o.force_n), o.flags.capped)
+                let [a, b] = [short.step(&body, &pose, 1e-3), contact.step(&body, &pose, 1e-3)].map(|o| {
+                    assert!(o.flags.has(Flags::IN_CONTACT) && !o.flags.has(Flags::BLOCKED));
+                    (DVec3::from_array(o.force_n), o.flags.has(Flags::CAPPED))
                 });
                 assert!((a.0 - b.0).length() < 4e-4, "{rule:?} {k}: {} {}", a.0, b.0);
                 cut_short += u32::from(a.1);

@@ -1,6 +1,6 @@
 //! The haptic engine: contact point, force, slip and energy of one tool tip on a body.
 //!
-//! A [`Contact`] holds all that evolves; [`Contact::step`] takes one tool pose and gives one [`Output`]. The body is
+//! A [`Contact`] holds all that evolves; [`Contact::step`] takes where the tool is, and how much later, and gives one [`Output`]. The body is
 //! read, never written, so any number of contacts may share it. The model is that of Mahvash and Hayward, *Haptic
 //! simulation of a tool in contact with a nonlinear deformable body* (2003); equation numbers in this crate are
 //! theirs.
@@ -12,15 +12,15 @@
 //!
 //! ```
 //! # use palpate_body::{*, shape::Shape};
-//! use palpate_engine::{Contact, ToolPose};
+//! use palpate_engine::{Contact, ToolState};
 //! # let surface = Shape::Sphere { radius_mm: 30.0 }.surface(Default::default())?;
 //! # let responses = vec![Response::paper(600.0, 500.0, 0.3, 8e-3, 8e-3)?];
 //! # let body = Body::new(BodyParts { mixes: vec![NodeMix::own(0); surface.positions().len()], surface, responses,
 //! #     test_point_nodes: vec![0], coupled: None, lateral_tensors: None, tool: Tool::Point, slip: SlipRule::Paper,
 //! #     provenance: Provenance::default() })?;
 //! let mut contact = Contact::new(&body);
-//! contact.step(&body, &ToolPose::at([0.0, 0.0, 31e-3])); // above the sphere
-//! let output = contact.step(&body, &ToolPose::at([0.0, 0.0, 28e-3])); // about 2 mm deep
+//! contact.step(&body, &ToolState::at([0.0, 0.0, 31e-3]), 1e-3); // above the sphere
+//! let output = contact.step(&body, &ToolState::at([0.0, 0.0, 28e-3]), 1e-3); // about 2 mm deep
 //! assert!(output.contact.is_some());
 //! assert!(output.force_n[2] > 0.2); // the tool is pushed out again
 //! # Ok::<(), BodyError>(())
@@ -33,6 +33,7 @@ mod coupled;
 mod decoupled;
 mod drive;
 mod field;
+mod flags;
 mod lateral;
 mod output;
 mod sensitivity;
@@ -41,4 +42,5 @@ mod walk;
 
 pub use contact::Contact;
 pub use field::Ablation;
-pub use output::{ContactPoint, Counters, Flags, Ledger, Output, ToolPose};
+pub use flags::Flags;
+pub use output::{ContactPoint, Counters, Ledger, Output, ToolState};

@@ -1,30 +1,37 @@
 //! What goes into a step and what comes out: plain data.
 
+use crate::flags::Flags;
 use glam::DVec3;
 
 /// Coordinates beyond this (m) are treated as a device's fault, like a non-finite one.
 const FARTHEST: f64 = 1e4;
 
-/// A pose of the tool's reference point in the body's frame.
+/// How far from 1 the length of an orientation's quaternion may be.
+const NEARLY_UNIT: f64 = 1e-3;
+
+/// Where the tool is, in the body's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ToolPose {
-    /// The tip; for a spherical tool its centre, m.
+pub struct ToolState {
+    /// The tool's reference point: the tip; for a spherical tool its centre, m.
     pub position_m: [f64; 3],
     /// Unit quaternion (w, x, y, z), body from tool. Responses do not depend on it yet.
     pub orientation: [f64; 4],
 }
 
-impl ToolPose {
-    /// A pose without rotation.
+impl ToolState {
+    /// Without rotation.
     pub fn at(position_m: [f64; 3]) -> Self {
-        ToolPose { position_m, orientation: [1.0, 0.0, 0.0, 0.0] }
+        ToolState { position_m, orientation: [1.0, 0.0, 0.0, 0.0] }
     }
 
-    /// The position, if every number of the pose can be used: the step's input choke point.
+    /// The position, if all of the state can be used: the step's input choke point.
     pub(crate) fn accept(&self) -> Option<DVec3> {
-        let finite = self.position_m.iter().all(|x| x.abs() <= FARTHEST)
-            && self.orientation.iter().all(|q| q.is_finite());
-        finite.then_some(DVec3::from_array(self.position_m))
+        let [w, x, y, z] = self.orientation;
+        let length = (w * w + x * x + y * y + z * z).sqrt();
+        // False of a NaN too.
+        let usable =
+            self.position_m.iter().all(|x| x.abs() <= FARTHEST) && (length - 1.0).abs() <= NEARLY_UNIT;
+        usable.then_some(DVec3::from_array(self.position_m))
     }
 }
 
@@ -43,40 +50,10 @@ pub struct ContactPoint {
     pub delta_r_m: f64,
 }
 
-/// What happened in a step.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Flags {
-    /// The tool touches the body after this step.
-    pub in_contact: bool,
-    /// The contact point moved over the surface.
-    pub slipping: bool,
-    /// A contact began in this step.
-    pub onset: bool,
-    /// A contact ended in this step.
-    pub released: bool,
-    /// The tip was still inside after a release, and touches at its nearest surface point.
-    pub reanchored: bool,
-    /// The contact ended because the contact point reached the surface's border.
-    pub border: bool,
-    /// The contact point is held by an edge or vertex that it can't leave: f_r may exceed the limit.
-    pub blocked: bool,
-    /// The contact point waits at the edge of a patch ([`palpate_body::Patch`]) that its body goes on beyond, or has not
-    /// caught up since: what the slip rule bounds was cut to the limit.
-    pub fenced: bool,
-    /// The step's budget was spent before the contact point had come to rest: what the slip rule bounds was cut to the limit.
-    pub capped: bool,
-    /// Slip waited, wholly or in part, since it would have given out more energy than the tank held: f_r may exceed the limit.
-    pub held_back: bool,
-    /// The pose held a number that is not finite or beyond 10⁴ m: no force, and the contact is kept as it was.
-    pub invalid_pose: bool,
-    /// The force was not finite and was replaced by zero.
-    pub contained: bool,
-    /// The tool is inside the body (or nearer than its radius) without having come through the surface: the first pose
-    /// lay there, or it came under an open sheet around its border. No force until it has left.
-    pub started_inside: bool,
-}
-
-/// Energies since the contact was made, J: work = stored + dissipated.
+/// Energies since the contact was made, J: work = stored + dissipated + relaxed.
+///
+/// W changes in three ways, and each has its total: the tool moves while all else is held, the contact point moves (or goes),
+/// and what the body remembers relaxes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Ledger {
     /// Work of the tool on the body: Σ W(c_k, x_k+1) − W(c_k, x_k), the stick force along its way, exactly.
@@ -90,6 +67,8 @@ pub struct Ledger {
     /// The tank: what slips have dissipated and later ones may give out again, at most [`TANK`] times what is stored. Below
     /// zero after a step that gave out more, as a re-anchoring may.
     pub tank_j: f64,
+    /// What internal variables took out of W at a fixed tip and contact point; 0 as long as no response has any.
+    pub relaxed_j: f64,
 }
 
 /// The most that the tank holds, in parts of the stored energy: enough for the ripple of coarse facets (a 24-sided cylinder
@@ -109,6 +88,13 @@ impl Ledger {
         self.dissipated_j += self.stored_j - stored_j;
         self.generated_j += (stored_j - self.stored_j).max(0.0);
         self.tank_j = (self.tank_j + (self.stored_j - stored_j)).min(TANK * stored_j.max(0.0));
+        self.stored_j = stored_j;
+    }
+
+    /// Internal variables move, c and the tool stay.
+    #[allow(dead_code, reason = "no response has internal variables yet")]
+    pub(crate) fn relax(&mut self, stored_j: f64) {
+        self.relaxed_j += self.stored_j - stored_j;
         self.stored_j = stored_j;
     }
 }
@@ -137,8 +123,12 @@ pub struct Counters {
     pub capped: u64,
     /// Steps in which slip waited for the tank.
     pub held_back: u64,
-    /// Poses refused.
+    /// Tool states refused.
     pub invalid_poses: u64,
+    /// Time steps that counted as 0.
+    pub invalid_times: u64,
+    /// Steps that were given another body than the contact's.
+    pub other_bodies: u64,
     /// Forces replaced by zero.
     pub contained: u64,
     /// Steps in contact in which the rule `consistent` found no gradients in the body and slipped as `paper` does: the
@@ -149,18 +139,20 @@ pub struct Counters {
 impl Counters {
     /// A step that ended with these flags.
     #[inline]
-    pub(crate) fn count(&mut self, flags: &Flags) {
-        for (count, happened) in [
-            (&mut self.onsets, flags.onset),
-            (&mut self.slips, flags.slipping),
-            (&mut self.blocked, flags.blocked),
-            (&mut self.fenced, flags.fenced),
-            (&mut self.capped, flags.capped),
-            (&mut self.held_back, flags.held_back),
-            (&mut self.invalid_poses, flags.invalid_pose),
-            (&mut self.contained, flags.contained),
+    pub(crate) fn count(&mut self, flags: Flags) {
+        for (count, flag) in [
+            (&mut self.onsets, Flags::ONSET),
+            (&mut self.slips, Flags::SLIPPING),
+            (&mut self.blocked, Flags::BLOCKED),
+            (&mut self.fenced, Flags::FENCED),
+            (&mut self.capped, Flags::CAPPED),
+            (&mut self.held_back, Flags::HELD_BACK),
+            (&mut self.invalid_poses, Flags::INVALID_POSE),
+            (&mut self.invalid_times, Flags::INVALID_TIME),
+            (&mut self.other_bodies, Flags::OTHER_BODY),
+            (&mut self.contained, Flags::CONTAINED),
         ] {
-            *count += u64::from(happened);
+            *count += u64::from(flags.has(flag));
         }
     }
 }
@@ -170,7 +162,7 @@ impl Counters {
 pub struct Output {
     /// Force on the tool, −f_c, N.
     pub force_n: [f64; 3],
-    /// Torque on the tool about its tip, N·m: zero for the tools there are so far.
+    /// Torque on the tool about its position, N·m: zero for the tools there are so far.
     pub torque_nm: [f64; 3],
     /// Where the body is touched, if it is.
     pub contact: Option<ContactPoint>,

@@ -5,7 +5,7 @@ mod common;
 use common::*;
 use glam::DVec3;
 use palpate_body::{Patch, SlipRule};
-use palpate_engine::{Ablation, Contact};
+use palpate_engine::{Ablation, Contact, Flags};
 use proptest::prelude::*;
 
 proptest! {
@@ -36,9 +36,9 @@ proptest! {
         for k in 0..2000 {
             let o = step(&mut contact, patch.model(), at(k));
             let c = o.contact;
-            prop_assert!(!o.flags.border && !o.flags.capped && (k < 5 || c.is_some()), "{k}: {:?}", o.flags);
+            prop_assert!(!o.flags.has(Flags::BORDER) && !o.flags.has(Flags::CAPPED) && (k < 5 || c.is_some()), "{k}: {:?}", o.flags);
             prop_assert!(imbalance(&o) < 1e-9);
-            if o.flags.fenced {
+            if o.flags.has(Flags::FENCED) {
                 waited += 1;
                 // Friction, and for two of the rules what W's change along the surface takes.
                 let u = patch.model().inward(contact.touching().unwrap());
@@ -54,7 +54,7 @@ proptest! {
                 let excess = (force(&o) - last).length() - 3.0 * m.max(l) * at(k).distance(at(k - 1));
                 let mere = if rule == SlipRule::Exact { 5e-3 } else { 1e-4 };
                 prop_assert!(excess < mere, "{k}: {excess} N, {:?}", o.flags);
-                judged += u32::from(o.flags.fenced);
+                judged += u32::from(o.flags.has(Flags::FENCED));
             }
             last = bound.map(|l| (force(&o), l));
             if since >= late {

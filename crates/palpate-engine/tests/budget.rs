@@ -5,7 +5,7 @@ mod common;
 use common::*;
 use glam::DVec3;
 use palpate_body::{Body, SlipRule, Surface, TriangleMesh};
-use palpate_engine::Contact;
+use palpate_engine::{Contact, Flags};
 use proptest::prelude::*;
 
 /// What `Counters::evaluations` promises.
@@ -78,7 +78,7 @@ fn worst(body: &Body, rule: SlipRule, chance: &mut Chance) -> Result<(u64, u64),
         let o = step(&mut contact, &body, x);
         let now = *contact.counters();
         most = most.max(now.evaluations + now.crossings - last.evaluations - last.crossings);
-        prop_assert!(!o.flags.contained && force(&o).is_finite());
+        prop_assert!(!o.flags.has(Flags::CONTAINED) && force(&o).is_finite());
         prop_assert!(now.queries - last.queries <= 8, "{}", now.queries - last.queries);
         last = now;
     }

@@ -7,7 +7,7 @@ use common::*;
 use glam::DVec3;
 use palpate_body::{Body, SlipRule, TriangleMesh};
 use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, Patch, ROUNDING, least};
-use palpate_engine::{Contact, Output};
+use palpate_engine::{Contact, Flags, Output};
 
 /// The tool's longest step here.
 const STEP: f64 = 3e-4;
@@ -85,12 +85,17 @@ fn judge(body: &Body, proved: &Proved, chance: &mut Chance, steps: usize, seen: 
 fn judge_step(body: &Body, proved: &Proved, from: (DVec3, &Output), to: (DVec3, &Output), seen: &mut Seen) {
     let ((x0, o0), (x, o)) = (from, to);
     let Some(c) = o.contact else { return };
-    let special = |o: &Output| o.flags.blocked || o.flags.capped || o.flags.reanchored || o.flags.released;
+    let special = |o: &Output| {
+        o.flags.has(Flags::BLOCKED)
+            || o.flags.has(Flags::CAPPED)
+            || o.flags.has(Flags::REANCHORED)
+            || o.flags.has(Flags::RELEASED)
+    };
     if special(o) || special(o0) || c.delta_z_m > 5e-3 {
         return;
     }
     // The elements that the slip came through: the two ends', and none between if they are neighbours.
-    let start = o0.contact.filter(|_| !o.flags.onset).unwrap_or(c);
+    let start = o0.contact.filter(|_| !o.flags.has(Flags::ONSET)).unwrap_or(c);
     if start.delta_z_m > 5e-3 {
         return;
     }
@@ -102,14 +107,14 @@ fn judge_step(body: &Body, proved: &Proved, from: (DVec3, &Output), to: (DVec3, 
     let ends = [start.element as usize, c.element as usize];
     // Where the tool came in is not told: on a neighbour, perhaps.
     let around = (0..3).filter_map(|e| body.across(c.element, e)).map(|(n, _)| n as usize);
-    let touched: Vec<usize> = around.filter(|_| o.flags.onset).chain(ends).collect();
+    let touched: Vec<usize> = around.filter(|_| o.flags.has(Flags::ONSET)).chain(ends).collect();
     let generated = o.energy.generated_j - o0.energy.generated_j;
     let moved = (o.energy.work_j - o0.energy.work_j).abs()
         + (o.energy.dissipated_j - o0.energy.dissipated_j).abs()
         + o.energy.stored_j;
     let gained = generated > 1e-12 * moved;
     if touched.iter().all(|&e| proved.passive[e]) {
-        seen.slips_proved_passive += usize::from(o.flags.slipping);
+        seen.slips_proved_passive += usize::from(o.flags.has(Flags::SLIPPING));
         assert!(!gained, "{generated} J of {moved} J generated, {ends:?}, {c:?}, {start:?}");
     } else {
         seen.generated_elsewhere += usize::from(gained);

@@ -9,7 +9,7 @@ use bodies::{RANGE_M, coupled, sparse};
 use common::*;
 use glam::DVec3;
 use palpate_body::{Body, SlipRule, TriangleMesh};
-use palpate_engine::{Ablation, Contact};
+use palpate_engine::{Ablation, Contact, Flags};
 use proptest::prelude::*;
 
 fn mesh(kind: usize) -> TriangleMesh {
@@ -58,14 +58,14 @@ proptest! {
         let start = p + inward * 4e-3;
         step(&mut contact, &body, p - inward * 1e-3);
         let begin = step(&mut contact, &body, start);
-        prop_assume!(begin.flags.in_contact);
+        prop_assume!(begin.flags.has(Flags::IN_CONTACT));
         let (a, b) = (chance.direction(), chance.direction());
         let [a, b] = [a - inward * a.dot(inward), b - inward * b.dot(inward) * 0.8].map(|v| v * (far * RANGE_M));
         let (mut moved, mut before, mut farthest) = (0.0, begin.energy.work_j, 0.0f64);
         for i in 1..=2000 {
             let t = f64::from(i) * std::f64::consts::TAU / 2000.0;
             let o = step(&mut contact, &body, start + a * libm::sin(t) + b * (libm::sin(2.0 * t) * libm::sin(t)));
-            prop_assume!(!o.flags.slipping && o.flags.in_contact);
+            prop_assume!(!o.flags.has(Flags::SLIPPING) && o.flags.has(Flags::IN_CONTACT));
             moved += (o.energy.work_j - before).abs();
             before = o.energy.work_j;
             farthest = farthest.max(o.contact.unwrap().delta_r_m);
@@ -87,7 +87,7 @@ proptest! {
         step(&mut contact, &body, x);
         x = p + inward * 3e-3 + chance.direction() * 1e-3;
         let begin = step(&mut contact, &body, x);
-        prop_assume!(begin.flags.in_contact);
+        prop_assume!(begin.flags.has(Flags::IN_CONTACT));
         for _ in 0..50 {
             let h = chance.direction() * 1e-7;
             let (mut up, mut down) = (contact.clone(), contact.clone());
@@ -116,10 +116,10 @@ proptest! {
         let (mut last, mut bound) = (DVec3::ZERO, 0.0f64);
         for (i, &x) in path.iter().enumerate() {
             let o = step(&mut contact, &body, x);
-            prop_assert!(!o.flags.capped, "{:?}", o);
-            prop_assume!(!o.flags.border && !o.flags.blocked);
+            prop_assert!(!o.flags.has(Flags::CAPPED), "{:?}", o);
+            prop_assume!(!o.flags.has(Flags::BORDER) && !o.flags.has(Flags::BLOCKED));
             prop_assert!(imbalance(&o) < 1e-9);
-            let held = o.flags.in_contact;
+            let held = o.flags.has(Flags::IN_CONTACT);
             let now = if held { contact.lipschitz_n_per_m(&body).unwrap_or(f64::INFINITY) } else { 0.0 };
             prop_assume!(now < 8e3);
             let way = if i > 0 { (x - path[i - 1]).length() } else { 0.0 };

@@ -10,7 +10,7 @@ use common::{force, step};
 use frictional::{RADIUS, State, liver_patch_body, places};
 use glam::DVec3;
 use palpate_body::{Body, SlipRule};
-use palpate_engine::{Ablation, Contact};
+use palpate_engine::{Ablation, Contact, Flags};
 
 /// Errors in % of the largest press force, along the place's normal and across it.
 #[derive(Default)]
@@ -50,7 +50,7 @@ fn led(body: &Body, rule: SlipRule, start: DVec3, states: &[&State]) -> Vec<Opti
         for i in 1..=count {
             x = from + (state.centre - from) * (i as f64 / count as f64);
             let o = step(&mut contact, body, x);
-            on_patch &= o.flags.in_contact || i < count;
+            on_patch &= o.flags.has(Flags::IN_CONTACT) || i < count;
             felt = -force(&o);
         }
         on_patch.then_some(felt)

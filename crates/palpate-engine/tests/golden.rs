@@ -8,7 +8,7 @@ mod common;
 use common::*;
 use glam::DVec3;
 use palpate_body::{Body, BodyParts, Curve, Extension, Interpolation, Response, SlipRule, Tensor, tensor};
-use palpate_engine::{Ablation, Contact, Output};
+use palpate_engine::{Ablation, Contact, Flags, Output};
 use palpate_identify::spread;
 use std::fmt::Write;
 
@@ -152,7 +152,7 @@ fn the_golden_trace_is_the_same_to_the_bit() {
     );
     for case in CASES {
         let (name, outputs) = (case.name, case.trace());
-        assert!(outputs.iter().filter(|o| o.flags.in_contact).count() > 3000, "{name}");
+        assert!(outputs.iter().filter(|o| o.flags.has(Flags::IN_CONTACT)).count() > 3000, "{name}");
         for (i, o) in outputs.iter().enumerate().step_by(250) {
             let c = o.contact.map_or([0.0; 3], |c| c.position_m);
             let _ = write!(text, "{name},{i}");

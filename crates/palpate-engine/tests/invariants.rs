@@ -7,7 +7,7 @@ use common::made::{Making, made_body};
 use common::*;
 use glam::{DMat3, DQuat, DVec3};
 use palpate_body::{Body, BodyParts, NodeMix, SlipRule, Surface, Tensor, TriangleMesh, tensor};
-use palpate_engine::{Contact, Output};
+use palpate_engine::{Contact, Flags, Output};
 use proptest::prelude::*;
 
 /// Polyhedra, icospheres, ellipsoids, tori, open patches.
@@ -87,13 +87,16 @@ fn finer(path: &[DVec3], times: usize) -> Vec<DVec3> {
 /// Steps in which the force may jump or be held: where the contact is held by an edge, ends at a border, starts anew,
 /// or has no stable slip (certificate S fails there: a real pop).
 fn exempt(o: &Output) -> bool {
-    o.flags.blocked || o.flags.capped || o.flags.border || o.flags.reanchored
+    o.flags.has(Flags::BLOCKED)
+        || o.flags.has(Flags::CAPPED)
+        || o.flags.has(Flags::BORDER)
+        || o.flags.has(Flags::REANCHORED)
 }
 
 /// Whether the contact point is about to run away, or nearly: a real pop, in which rounding grows without bound (a
 /// cube with interpolated normals is full of them).
 fn snaps(contact: &Contact, body: &Body, o: &Output) -> bool {
-    o.flags.in_contact && contact.lipschitz_n_per_m(body).is_none_or(|l| l > 8e3)
+    o.flags.has(Flags::IN_CONTACT) && contact.lipschitz_n_per_m(body).is_none_or(|l| l > 8e3)
 }
 
 /// (d) and the ledger: no force without contact, no contact without depth, and energy balances, at any speed.
@@ -106,8 +109,8 @@ fn the_ledger_balances() {
         let body = kind.body(&mut chance, 0.6, friction);
         let path = wander(&body, &mut chance, speed, 600);
         for o in &rollout(&body, &path) {
-            prop_assert_eq!(o.flags.in_contact, o.contact.is_some());
-            prop_assert_eq!(force(o) != DVec3::ZERO, o.flags.in_contact);
+            prop_assert_eq!(o.flags.has(Flags::IN_CONTACT), o.contact.is_some());
+            prop_assert_eq!(force(o) != DVec3::ZERO, o.flags.has(Flags::IN_CONTACT));
             if let Some(c) = o.contact {
                 prop_assert!(c.delta_z_m > 0.0);
                 prop_assert!(c.n.iter().all(|&n| (0.0..=1.0).contains(&n)) && (c.n.iter().sum::<f64>() - 1.0).abs() < 1e-12);
@@ -205,7 +208,7 @@ fn only_the_shape_counts() {
             let error = (turn * force(&a) - force(&b)).length();
             prop_assert!(error <= 1e-5 * (largest + 0.1), "{error}");
             prop_assert!((a.energy.work_j - b.energy.work_j).abs() < 1e-6 * (1e-3 + a.energy.work_j.abs()));
-            judged.add(kind.label(), u64::from(a.flags.in_contact));
+            judged.add(kind.label(), u64::from(a.flags.has(Flags::IN_CONTACT)));
         }
     });
     judged.demand(6, 200);
@@ -266,14 +269,14 @@ fn a_loop_in_stick_does_no_work() {
         let start = p + inward * 3e-3;
         step(&mut contact, &body, p - inward * 1e-3);
         let begin = step(&mut contact, &body, start);
-        prop_assume!(begin.flags.in_contact);
+        prop_assume!(begin.flags.has(Flags::IN_CONTACT));
         let (a, b) = (chance.direction() * 2e-3, chance.direction() * 2e-3);
         let mut moved = 0.0;
         let mut before = begin.energy.work_j;
         for i in 1..=2000 {
             let t = f64::from(i) * std::f64::consts::TAU / 2000.0;
             let o = step(&mut contact, &body, start + a * libm::sin(t) + b * libm::sin(2.0 * t) * libm::sin(t));
-            prop_assume!(!o.flags.slipping && o.flags.in_contact);
+            prop_assume!(!o.flags.has(Flags::SLIPPING) && o.flags.has(Flags::IN_CONTACT));
             moved += (o.energy.work_j - before).abs();
             before = o.energy.work_j;
         }
@@ -396,7 +399,7 @@ fn an_oblique_drag_is_exact() {
             let d = way * (5e-5 * f64::from(i));
             let o = step(&mut contact, &sticky, start + d);
             let expected = DVec3::Z * normal - stretched(d) * kr;
-            prop_assert!((force(&o) - expected).length() < 1e-9 * expected.length() && !o.flags.slipping);
+            prop_assert!((force(&o) - expected).length() < 1e-9 * expected.length() && !o.flags.has(Flags::SLIPPING));
         }
 
         let rough = anisotropic_plane(cells, [kz, kr, mu], axis, ratio);
@@ -455,7 +458,7 @@ fn a_finer_plane_is_the_same_plane() {
         }
         for (a, b) in rollout(&coarse, &path).iter().zip(rollout(&fine, &path)) {
             prop_assert!((force(a) - force(&b)).length() < 1e-7 * (0.1 + force(a).length()));
-            judged.add(isotropic, u64::from(a.flags.slipping));
+            judged.add(isotropic, u64::from(a.flags.has(Flags::SLIPPING)));
         }
     });
     judged.demand(2, 1000);
@@ -495,7 +498,7 @@ fn identities_change_no_bit() {
         if path[i].x > 0.4 * far {
             break;
         }
-        near += usize::from(x.flags.in_contact);
+        near += usize::from(x.flags.has(Flags::IN_CONTACT));
         assert!((force(x) - force(y)).length() < 1e-6 * (0.1 + force(x).length()), "{i}");
     }
     assert!(near > 100, "{near}");
@@ -518,8 +521,11 @@ fn the_livers_contacts_keep_the_ledger() {
         let path = wander(&body, &mut chance, 0.01 * 1.15f64.powi(i), 400);
         for o in rollout(&body, &path) {
             assert!(imbalance(&o) < 1e-9, "{:?}", o.energy);
-            assert!(!o.flags.contained && (force(&o) == DVec3::ZERO) != o.flags.in_contact);
-            touched += usize::from(o.flags.in_contact);
+            assert!(
+                !o.flags.has(Flags::CONTAINED)
+                    && (force(&o) == DVec3::ZERO) != o.flags.has(Flags::IN_CONTACT)
+            );
+            touched += usize::from(o.flags.has(Flags::IN_CONTACT));
         }
     }
     assert!(touched > 4000, "{touched}");

@@ -6,7 +6,7 @@ use common::*;
 use glam::DVec3;
 use palpate_body::{Body, BodyParts, BodySource, NodeMix, Patch, SlipRule, StoredBody, Surface, Tool};
 
-use palpate_engine::{Ablation, Contact, Output, ToolPose};
+use palpate_engine::{Ablation, Contact, Flags, Output, ToolState};
 use std::collections::BTreeSet;
 
 /// A block without a lid: creases, a border that runs over them, test points between nodes whose weights fade towards it, and
@@ -107,7 +107,7 @@ fn a_step_on_a_patch_is_the_step_on_the_whole_body() {
             let mut local = Patch::new(&body, [0.0; 3], 1);
             let mut first = true;
             for tip in tour(&body, &mut rng, 900) {
-                let (pose, p) = (ToolPose::at(tip.to_array()), tip.to_array());
+                let (pose, p) = (ToolState::at(tip.to_array()), tip.to_array());
                 let away = |at: Option<[f64; 3]>| !at.is_none_or(|at| local.knows(at, radius));
                 let lost = part.touching().is_none() && (away(Some(p)) || away(part.last_tip_m()));
                 // Anew where it must be, and now and then where it need not.
@@ -130,8 +130,8 @@ fn a_step_on_a_patch_is_the_step_on_the_whole_body() {
                 }
                 assert_eq!(got, expected, "{rule:?} at {tip}");
                 steps += 1;
-                touched += usize::from(got.flags.in_contact);
-                free += usize::from(!got.flags.in_contact);
+                touched += usize::from(got.flags.has(Flags::IN_CONTACT));
+                free += usize::from(!got.flags.has(Flags::IN_CONTACT));
             }
         }
     }
@@ -200,11 +200,11 @@ fn at_a_patchs_edge_the_contact_point_waits_and_goes_on() {
         let mut waited = 0;
         for tip in path {
             last = step(&mut contact, small.model(), tip);
-            assert!(!last.flags.border && imbalance(&last) < 1e-9, "{:?}", last.flags);
-            waited += usize::from(last.flags.fenced);
+            assert!(!last.flags.has(Flags::BORDER) && imbalance(&last) < 1e-9, "{:?}", last.flags);
+            waited += usize::from(last.flags.has(Flags::FENCED));
         }
         assert!(
-            waited > 20 && last.flags.in_contact && contact.counters().fenced == waited as u64,
+            waited > 20 && last.flags.has(Flags::IN_CONTACT) && contact.counters().fenced == waited as u64,
             "{rule:?}"
         );
         let held = last.contact.unwrap();
@@ -216,12 +216,15 @@ fn at_a_patchs_edge_the_contact_point_waits_and_goes_on() {
             let angle = 5e-3 * f64::from(100 + k);
             freed =
                 step(&mut contact, next.model(), DVec3::new(libm::sin(angle), 0.0, libm::cos(angle)) * 0.028);
-            if !freed.flags.fenced {
+            if !freed.flags.has(Flags::FENCED) {
                 break;
             }
         }
         let moved = DVec3::from_array(freed.contact.unwrap().position_m).distance(held.position_m.into());
-        assert!(!freed.flags.fenced && freed.flags.slipping && moved > 1e-3, "{rule:?} {moved}");
+        assert!(
+            !freed.flags.has(Flags::FENCED) && freed.flags.has(Flags::SLIPPING) && moved > 1e-3,
+            "{rule:?} {moved}"
+        );
         assert!(freed.contact.unwrap().delta_r_m < held.delta_r_m);
         assert!(freed.energy.generated_j <= last.energy.generated_j + 1e-9);
         // A patch without the contact point's element is refused, and nothing is changed.

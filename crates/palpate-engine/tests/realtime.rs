@@ -6,7 +6,7 @@ use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use common::*;
 use glam::DVec3;
 use palpate_body::SlipRule;
-use palpate_engine::{Ablation, Contact, ToolPose};
+use palpate_engine::{Ablation, Contact, Flags, ToolState};
 
 #[global_allocator]
 static ALLOCATOR: AllocDisabler = AllocDisabler;
@@ -54,12 +54,16 @@ fn a_contact_survives_poses_that_are_no_numbers() {
         let x = DVec3::new(1e-5 * f64::from(i), 0.0, 0.031 - 1e-4 * f64::from(i.min(40)));
         let expected = step(&mut clean, &body, x);
         for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e7] {
-            let pose = ToolPose { position_m: [0.0, bad, 0.0], orientation: [1.0, 0.0, 0.0, 0.0] };
+            let pose = ToolState { position_m: [0.0, bad, 0.0], orientation: [1.0, 0.0, 0.0, 0.0] };
             let output = step_pose(&mut dirty, &body, &pose);
-            assert!(output.flags.invalid_pose && output.force_n == [0.0; 3] && output.contact.is_none());
+            assert!(
+                output.flags.has(Flags::INVALID_POSE)
+                    && output.force_n == [0.0; 3]
+                    && output.contact.is_none()
+            );
         }
-        let pose = ToolPose { position_m: x.to_array(), orientation: [f64::NAN, 0.0, 0.0, 0.0] };
-        assert!(step_pose(&mut dirty, &body, &pose).flags.invalid_pose);
+        let pose = ToolState { position_m: x.to_array(), orientation: [f64::NAN, 0.0, 0.0, 0.0] };
+        assert!(step_pose(&mut dirty, &body, &pose).flags.has(Flags::INVALID_POSE));
         assert_eq!(step(&mut dirty, &body, x), expected, "as if nothing had been");
     }
     assert_eq!(dirty.counters().invalid_poses, 3000);
@@ -76,9 +80,9 @@ fn every_force_is_finite_whatever_the_tip_does() {
         for _ in 0..2000 {
             let scale = 10f64.powf(rng.range(-12.0, 3.9));
             let output = step(&mut contact, &body, rng.direction() * scale);
-            assert!(force(&output).is_finite() && !output.flags.contained);
-            assert_eq!(force(&output) == DVec3::ZERO, !output.flags.in_contact);
-            touched += usize::from(output.flags.in_contact);
+            assert!(force(&output).is_finite() && !output.flags.has(Flags::CONTAINED));
+            assert_eq!(force(&output) == DVec3::ZERO, !output.flags.has(Flags::IN_CONTACT));
+            touched += usize::from(output.flags.has(Flags::IN_CONTACT));
             let c = contact.counters();
             assert!(c.evaluations <= 64 * 3 * c.steps && c.crossings <= 64 * 3 * c.steps);
         }

@@ -9,7 +9,7 @@ use common::made::{Making, made_body};
 use common::*;
 use glam::DVec3;
 use palpate_body::{Body, SlipRule, TriangleMesh};
-use palpate_engine::Contact;
+use palpate_engine::{Contact, Flags};
 use proptest::prelude::*;
 use slow::Reference;
 
@@ -71,7 +71,7 @@ fn difference(body: &Body, path: &[DVec3]) -> (f64, u64) {
     let (mut worst, mut largest) = (0.0f64, 0.0f64);
     for &x in path {
         let (output, expected) = (step(&mut fast, body, x), slow.step(x));
-        if output.flags.border || output.flags.blocked {
+        if output.flags.has(Flags::BORDER) || output.flags.has(Flags::BLOCKED) {
             break;
         }
         worst = worst.max((force(&output) - expected).length());
@@ -123,14 +123,14 @@ fn force_and_limit_are_the_laws() {
             let reading = slow.read(at.element as usize, DVec3::from_array(at.position_m), x);
             prop_assert!((at.delta_z_m - reading.depth).abs() < 1e-12);
             prop_assert!((at.delta_r_m - reading.lateral).abs() < 1e-11);
-            if output.flags.capped || output.flags.blocked {
+            if output.flags.has(Flags::CAPPED) || output.flags.has(Flags::BLOCKED) {
                 continue;
             }
             let error = (force(&output) - reading.force_on_tool()).length();
             prop_assert!(error < 1e-9 * (1.0 + reading.fz), "{error}");
             let excess = reading.fr - reading.limit;
             prop_assert!(excess <= 1.1e-6 * reading.limit + 1e-8, "{excess} over {}", reading.limit);
-            if output.flags.slipping && reading.limit > 1e-6 {
+            if output.flags.has(Flags::SLIPPING) && reading.limit > 1e-6 {
                 prop_assert!(excess >= -1.1e-6 * reading.limit - 1e-8, "slipped too far: {excess}");
                 judged.add(sort(made), 1);
             }
@@ -158,7 +158,7 @@ fn drive_and_limit_are_the_rules() {
             let output = step(&mut contact, &body, x);
             let Some(at) = output.contact else { continue };
             // On an edge the exact drive has two values.
-            if output.flags.capped || output.flags.blocked || at.n.contains(&0.0) {
+            if output.flags.has(Flags::CAPPED) || output.flags.has(Flags::BLOCKED) || at.n.contains(&0.0) {
                 continue;
             }
             let (element, c) = (at.element as usize, DVec3::from_array(at.position_m));
@@ -166,10 +166,10 @@ fn drive_and_limit_are_the_rules() {
             let excess = slow.drive(&reading, element, c, x).length() - reading.limit;
             prop_assert!(excess <= 2e-6 * (reading.limit + reading.fr) + 1e-6, "{excess} over {}", reading.limit);
             // The exact rule may stop earlier, at an edge where the drive turns round.
-            if output.flags.slipping && reading.limit > 1e-6 && !exact {
+            if output.flags.has(Flags::SLIPPING) && reading.limit > 1e-6 && !exact {
                 prop_assert!(excess >= -2e-6 * (reading.limit + reading.fr) - 1e-6, "slipped too far: {excess}");
             }
-            judged.add(format!("{rule:?}, {}", sort(made)), u64::from(output.flags.slipping));
+            judged.add(format!("{rule:?}, {}", sort(made)), u64::from(output.flags.has(Flags::SLIPPING)));
         }
     });
     judged.demand(4, 50);

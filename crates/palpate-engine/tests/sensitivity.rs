@@ -5,13 +5,17 @@ mod common;
 use common::*;
 use glam::DVec3;
 use palpate_body::{Body, BodyParts, Curve, Extension, Interpolation, SlipRule, Tool, TriangleMesh};
-use palpate_engine::{Contact, Output};
+use palpate_engine::{Contact, Flags, Output};
 
 /// Small steps, m: below what bodies are smooth over.
 const STEP: f64 = 1e-5;
 
 fn odd(o: &Output) -> bool {
-    o.contact.is_none() || o.flags.blocked || o.flags.capped || o.flags.released || o.flags.reanchored
+    o.contact.is_none()
+        || o.flags.has(Flags::BLOCKED)
+        || o.flags.has(Flags::CAPPED)
+        || o.flags.has(Flags::RELEASED)
+        || o.flags.has(Flags::REANCHORED)
 }
 
 /// The largest |ΔF|/|Δx| from a contact's present state, N/m, and the largest bound at its ends; none where the state or a

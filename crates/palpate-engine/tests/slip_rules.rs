@@ -8,7 +8,7 @@ use common::*;
 use glam::DVec3;
 use palpate_body::{Body, SlipRule, Surface, TriangleMesh};
 use palpate_engine::certify::{Assumptions, Cell, Criterion, Effort, Patch, least};
-use palpate_engine::{Ablation, Contact};
+use palpate_engine::{Ablation, Contact, Flags};
 use std::f64::consts::PI;
 
 /// What a path did to the hand.
@@ -46,9 +46,9 @@ fn lead(body: &Body, rule: SlipRule, path: impl Iterator<Item = DVec3>) -> Felt 
             let allowed = bound.max(before) * way;
             felt.excess = felt.excess.max(change - allowed);
             (bounded, steps) =
-                (bounded + u32::from(allowed.is_finite()), steps + u32::from(o.flags.in_contact));
+                (bounded + u32::from(allowed.is_finite()), steps + u32::from(o.flags.has(Flags::IN_CONTACT)));
         }
-        last = Some((x, f, if o.flags.in_contact { bound } else { 0.0 }));
+        last = Some((x, f, if o.flags.has(Flags::IN_CONTACT) { bound } else { 0.0 }));
         felt.generated = o.energy.generated_j;
     }
     felt.capped = contact.counters().capped;
@@ -266,7 +266,8 @@ fn a_body_without_gradients_is_counted() {
     let (one, other) = (prism(24, 0.1), prism(24, 0.1));
     let counted = |body: &Body| {
         let mut contact = Contact::with_slip(&one, SlipRule::Consistent, Ablation::None);
-        let touching = cycle().step_by(50).filter(|x| step(&mut contact, body, *x).flags.in_contact).count();
+        let touching =
+            cycle().step_by(50).filter(|x| step(&mut contact, body, *x).flags.has(Flags::IN_CONTACT)).count();
         (contact.counters().underived, touching as u64)
     };
     assert_eq!(counted(&one).0, 0);

@@ -14,7 +14,7 @@ use common::made::{Making, made_body};
 use common::*;
 use glam::DVec3;
 use palpate_body::{Body, SlipRule, TriangleMesh};
-use palpate_engine::{Contact, Output};
+use palpate_engine::{Contact, Flags, Output};
 
 /// Rules that give nothing out. `Paper` and `Consistent` come here with the tank.
 const PASSIVE: &[SlipRule] = &[SlipRule::Exact];
@@ -99,14 +99,14 @@ fn lead(slip: SlipRule, bodies: usize) -> Done {
                 done.leaps += 1;
             }
             let o = step(&mut contact, &body, way.x + chance.direction() * (tremor * chance.unit()));
-            if o.flags.reanchored {
+            if o.flags.has(Flags::REANCHORED) {
                 flagged += (last.energy.dissipated_j - o.energy.dissipated_j).max(0.0);
             }
             done.given_j = done.given_j.max(-o.energy.dissipated_j);
             done.given_unflagged_j = done.given_unflagged_j.max(-o.energy.dissipated_j - flagged);
             done.moved_j += (o.energy.work_j - last.energy.work_j).abs();
-            done.touched += u64::from(o.flags.in_contact);
-            done.reanchored += u64::from(o.flags.reanchored);
+            done.touched += u64::from(o.flags.has(Flags::IN_CONTACT));
+            done.reanchored += u64::from(o.flags.has(Flags::REANCHORED));
             way.next(&o, &body, &mut chance);
             last = o;
         }

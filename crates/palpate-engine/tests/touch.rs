@@ -5,7 +5,7 @@ mod common;
 use common::*;
 use glam::DVec3;
 use palpate_body::{Body, SlipRule, Surface, TriangleMesh};
-use palpate_engine::{Contact, Output};
+use palpate_engine::{Contact, Flags, Output};
 use proptest::prelude::*;
 
 /// A square patch of 50 mm over z = sag(x, y), facing +z.
@@ -102,7 +102,7 @@ proptest! {
         let (stride, tremor) = (chance.range(1e-6, 5e-5), chance.range(0.0, 2e-5));
         let mut contact = Contact::new(&body);
         let (mut height, mut sideways) = (2e-3, 0.0);
-        prop_assert!(!step(&mut contact, &body, at(height, sideways)).flags.in_contact);
+        prop_assert!(!step(&mut contact, &body, at(height, sideways)).flags.has(Flags::IN_CONTACT));
         let (mut touched, mut lifted, mut again) = (0, 0, 0);
         let mut down = true;
         height = 2e-5;
@@ -111,14 +111,14 @@ proptest! {
             height += if down { -stride } else { stride };
             let x = at(height, sideways);
             let o = step(&mut contact, &body, x);
-            prop_assert!(!o.flags.started_inside, "{i}: {:?}", o.flags);
-            prop_assert!(!o.flags.border && imbalance(&o) < 1e-9);
+            prop_assert!(!o.flags.has(Flags::STARTED_INSIDE), "{i}: {:?}", o.flags);
+            prop_assert!(!o.flags.has(Flags::BORDER) && imbalance(&o) < 1e-9);
             let depth = depth(&body, x, radius + 0.02);
             if depth > UNSURE {
-                prop_assert!(o.flags.in_contact && force(&o).dot(out) > 0.0, "{i}: no force {depth} m deep, {:?}", o.flags);
+                prop_assert!(o.flags.has(Flags::IN_CONTACT) && force(&o).dot(out) > 0.0, "{i}: no force {depth} m deep, {:?}", o.flags);
                 (touched, again) = (touched + 1, again + u32::from(lifted > 0));
             } else if depth < -UNSURE {
-                prop_assert!(!o.flags.in_contact && force(&o) == DVec3::ZERO, "{i}: {depth} m, {:?}", o.flags);
+                prop_assert!(!o.flags.has(Flags::IN_CONTACT) && force(&o) == DVec3::ZERO, "{i}: {depth} m, {:?}", o.flags);
                 lifted += u32::from(touched > 0);
             }
             // Turn where the step releases, or a few after; and at some depth.
@@ -206,12 +206,12 @@ proptest! {
                 x.z += chance.range(-1e-5, 1e-5);
             }
             let o = step(&mut contact, &body, x);
-            prop_assert!(!o.flags.started_inside && !o.flags.border && !o.flags.capped, "{i}: {:?}", o.flags);
+            prop_assert!(!o.flags.has(Flags::STARTED_INSIDE) && !o.flags.has(Flags::BORDER) && !o.flags.has(Flags::CAPPED), "{i}: {:?}", o.flags);
             let now = o.contact.map_or(room(x.z), |c| side(c.element));
             prop_assert_eq!(now, here, "{}: from room {} to {} at {}, {:?}", i, here, now, x, o.flags);
             prop_assert!((o.energy.work_j - o.energy.stored_j - o.energy.dissipated_j).abs() < 1e-14);
-            touched += usize::from(o.flags.in_contact);
-            between += usize::from(o.flags.reanchored);
+            touched += usize::from(o.flags.has(Flags::IN_CONTACT));
+            between += usize::from(o.flags.has(Flags::REANCHORED));
             here = now;
         }
         prop_assert!(touched > 50 && touched < 300, "{touched} {between}");
@@ -246,10 +246,10 @@ proptest! {
                 x = body.point(nearest) + x.normalize() * side * (radius + chance.range(-2e-4, 5e-4));
             }
             let o = step(&mut contact, &body, x);
-            prop_assert!(!o.flags.started_inside, "{i}: {:?}", o.flags);
+            prop_assert!(!o.flags.has(Flags::STARTED_INSIDE), "{i}: {:?}", o.flags);
             let element = o.contact.map_or_else(|| body.nearest(x, 1.0).unwrap().at.element, |c| c.element);
             prop_assert_eq!(element < count, outside, "{} at {}, {:?}", i, x.length(), o.flags);
-            touched += usize::from(o.flags.in_contact);
+            touched += usize::from(o.flags.has(Flags::IN_CONTACT));
         }
         prop_assert!(touched > 20, "{touched}");
     }

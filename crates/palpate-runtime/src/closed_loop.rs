@@ -5,7 +5,7 @@ use crate::map::Mapping;
 use crate::{StageCounts, StageFlags, Stages, WorkspaceMap};
 use glam::DVec3;
 use palpate_device::{Command, Device, Fault, Sample};
-use palpate_engine::{Contact, Output, ToolPose};
+use palpate_engine::{Contact, Output, ToolState};
 
 /// The loop on one body with one device.
 #[derive(Debug, Clone)]
@@ -16,9 +16,11 @@ pub struct HapticLoop {
     port: Port,
     counts: StageCounts,
     /// The last sample that was read, and the last pose that the engine was given.
-    last: (Sample, ToolPose),
+    last: (Sample, ToolState),
     /// The pose before that.
-    before: ToolPose,
+    before: ToolState,
+    /// When the engine was last asked, s.
+    stepped_s: Option<f64>,
     stopped: bool,
 }
 
@@ -31,7 +33,7 @@ pub struct Period {
     pub sample: Sample,
     /// The pose that the engine was given last, in the body's frame: the virtual tool's under a coupling. In this
     /// period if `flags` say [`StageFlags::STEPPED`].
-    pub pose: ToolPose,
+    pub pose: ToolState,
     /// What the engine answered; no force where it was not given a pose.
     pub output: Output,
     /// What the device was told.
@@ -71,8 +73,9 @@ impl HapticLoop {
             stages,
             port: Port::default(),
             counts: StageCounts::default(),
-            last: (Sample::default(), ToolPose::at([0.0; 3])),
-            before: ToolPose::at([0.0; 3]),
+            last: (Sample::default(), ToolState::at([0.0; 3])),
+            before: ToolState::at([0.0; 3]),
+            stepped_s: None,
             stopped: false,
         }
     }
@@ -148,7 +151,7 @@ impl HapticLoop {
     pub fn period<G: Ground>(&mut self, ground: &G, device: &mut dyn Device, now_s: f64) -> Period {
         let mut flags = StageFlags::default();
         let unread = self.read(device, now_s, &mut flags).err();
-        let output = self.render(ground, &mut flags);
+        let output = self.render(ground, now_s, &mut flags);
         let command = self.command(now_s, &output, &mut flags);
         let unwritten = self.write(device, &command, &mut flags).err();
         self.counts.add(flags);
@@ -163,10 +166,10 @@ impl HapticLoop {
     /// A step of the engine.
     pub fn rehearse<G: Ground>(&self, ground: &G) {
         let [last, before] = [self.last.1, self.before].map(|pose| DVec3::from_array(pose.position_m));
-        let pose = ToolPose { position_m: (last * 2.0 - before).to_array(), ..self.last.1 };
+        let pose = ToolState { position_m: (last * 2.0 - before).to_array(), ..self.last.1 };
         let mut copy = self.contact.clone();
         if ready(ground, &mut copy, &pose) {
-            std::hint::black_box(copy.step(ground.model(), &pose));
+            std::hint::black_box(copy.step(ground.model(), &pose, 0.0));
         }
     }
 
@@ -207,7 +210,7 @@ impl HapticLoop {
     }
 
     /// The engine's answer at the mapped pose, or at the virtual tool that follows it.
-    fn render<G: Ground>(&mut self, ground: &G, flags: &mut StageFlags) -> Output {
+    fn render<G: Ground>(&mut self, ground: &G, now: f64, flags: &mut StageFlags) -> Output {
         if !flags.has(StageFlags::STEPPED) {
             return Output { energy: *self.contact.energy(), ..Output::default() };
         }
@@ -222,7 +225,8 @@ impl HapticLoop {
             flags.set(StageFlags::WAITED, true);
             return Output { energy: *self.contact.energy(), ..Output::default() };
         }
-        let output = self.contact.step(ground.model(), &pose);
+        let dt = now - self.stepped_s.replace(now).unwrap_or(now);
+        let output = self.contact.step(ground.model(), &pose, dt);
         self.port.pass(DVec3::from_array(pose.position_m), DVec3::from_array(output.force_n));
         output
     }

@@ -1,7 +1,7 @@
 //! What a loop steps on.
 
 use palpate_body::{Body, ContactModel, Patch};
-use palpate_engine::{Contact, ToolPose};
+use palpate_engine::{Contact, ToolState};
 
 /// A whole body, or the part of it that is at hand.
 pub trait Ground {
@@ -35,7 +35,7 @@ impl Ground for Patch {
 /// Whether `contact` can take a step to `pose` on this ground. A tool that touches can: at the ground's end its contact
 /// point waits. A free tool must be where the ground is known, and must have been there the step before: the way between
 /// is then known too. What came from elsewhere is forgotten, and inside the body feels nothing until it has left it.
-pub(crate) fn ready<G: Ground>(ground: &G, contact: &mut Contact, pose: &ToolPose) -> bool {
+pub(crate) fn ready<G: Ground>(ground: &G, contact: &mut Contact, pose: &ToolState) -> bool {
     if contact.touching().is_some() {
         return true;
     }

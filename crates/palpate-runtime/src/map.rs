@@ -3,7 +3,7 @@
 use crate::SafetyError;
 use glam::{DQuat, DVec3};
 use palpate_device::{Capabilities, Pose, Sample};
-use palpate_engine::ToolPose;
+use palpate_engine::ToolState;
 
 /// point_in_body = offset + scale · R · point_in_device.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,10 +57,10 @@ impl WorkspaceMap {
     }
 
     /// A device's pose as the body sees it.
-    pub fn body_from_device(&self, pose: &Pose) -> ToolPose {
+    pub fn body_from_device(&self, pose: &Pose) -> ToolState {
         let position = self.offset_m + self.rotation * DVec3::from_array(pose.position_m) * self.scale;
         let q = self.rotation * quaternion(pose.orientation);
-        ToolPose { position_m: position.to_array(), orientation: components(q) }
+        ToolState { position_m: position.to_array(), orientation: components(q) }
     }
 
     /// A force or torque in the body's frame as the device renders it.
@@ -84,7 +84,7 @@ pub(crate) struct Mapping {
     pub map: WorkspaceMap,
     /// Of the tool in its own frame, taken up by clutching; `None` for none, to the bit.
     turn: Option<DQuat>,
-    held: Option<ToolPose>,
+    held: Option<ToolState>,
 }
 
 impl Mapping {
@@ -98,7 +98,7 @@ impl Mapping {
     }
 
     /// The pose for the body.
-    pub fn pose(&mut self, sample: &Sample) -> ToolPose {
+    pub fn pose(&mut self, sample: &Sample) -> ToolState {
         let pressed = self.map.clutch.is_some_and(|button| sample.buttons & (1 << (button % 32)) != 0);
         match (self.held, pressed) {
             (Some(held), true) => held,
@@ -120,7 +120,7 @@ impl Mapping {
     }
 
     /// Makes `pose` of the device mean `held` in the body.
-    fn take(&mut self, pose: &Pose, held: &ToolPose) {
+    fn take(&mut self, pose: &Pose, held: &ToolState) {
         let now = self.map.body_from_device(pose);
         self.map.offset_m += DVec3::from_array(held.position_m) - DVec3::from_array(now.position_m);
         let turn = quaternion(now.orientation).conjugate() * quaternion(held.orientation);

@@ -17,6 +17,7 @@ use crate::watch::{Alarm, End, Patience, Watch};
 use crate::{HapticLoop, Opened, PageFaults, Period, StageFlags, Timed};
 use palpate_body::{BodyError, BodySource};
 use palpate_device::{Command, Device, Fault, Pace};
+use palpate_engine::Flags;
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -366,7 +367,7 @@ impl Haptic {
             let time = if paced { now } else { tally.number as f64 / rate_hz };
             let period = self.haptics.period(self.footing.patch(), device, time);
             let took = (clock.now() - began).saturating_sub(device.read_ns + device.write_ns);
-            let waits = period.flags.has(StageFlags::WAITED) || period.output.flags.fenced;
+            let waits = period.flags.has(StageFlags::WAITED) || period.output.flags.has(Flags::FENCED);
             tally.waits += u64::from(waits);
             self.footing.report(time, period.pose.position_m, self.haptics.contact(), waits);
             self.record(

@@ -11,8 +11,8 @@ use palpate_body::Body;
 use palpate_body::shape::Shape;
 use palpate_device::simulated::{Hand, Move, Script};
 use palpate_device::{Capabilities, Device, Figure, Simulated, presets};
-use palpate_engine::Contact;
 use palpate_engine::certify::{Assumptions, Criterion, Effort, Patch, ROUNDING, least};
+use palpate_engine::{Contact, Flags};
 use palpate_runtime::{HapticLoop, Stages, WorkspaceMap};
 
 /// Steps of one run, at 1 kHz.
@@ -145,7 +145,7 @@ fn run(name: &str, body: &Body, rng: &mut Chance, tally: &mut Tally) {
                 stiffness = normal(deepest).max(lateral);
             }
         }
-        tally.slipping += u64::from(step.output.flags.slipping);
+        tally.slipping += u64::from(step.output.flags.has(Flags::SLIPPING));
         moved = moved.max(energy.work_j.abs() + energy.dissipated_j.abs());
         let given = closed.port().out_j + energy.stored_j;
         let bound = 0.5 * stiffness * closed.port().squares_m2;

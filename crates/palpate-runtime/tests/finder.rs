@@ -6,7 +6,7 @@ use common::{shape, with_field};
 use palpate_body::Body;
 use palpate_body::shape::Shape;
 use palpate_device::{Device, Pose, Replay, ReplaySample};
-use palpate_engine::Contact;
+use palpate_engine::{Contact, Flags};
 use palpate_runtime::{HapticLoop, Limit, Stages, WorkspaceMap, footing};
 use std::sync::Arc;
 
@@ -54,9 +54,14 @@ fn waits(body: &Arc<Body>, whole: usize, stalled: std::ops::Range<usize>) -> (Ve
             busy_until = k + whole * elements / ELEMENTS;
         }
         let period = haptics.period(footing.patch(), &mut device, time);
-        assert!(k < 110 || period.output.flags.in_contact, "{time}");
-        footing.report(time, period.pose.position_m, haptics.contact(), period.output.flags.fenced);
-        waits[k / 100] += usize::from(period.output.flags.fenced);
+        assert!(k < 110 || period.output.flags.has(Flags::IN_CONTACT), "{time}");
+        footing.report(
+            time,
+            period.pose.position_m,
+            haptics.contact(),
+            period.output.flags.has(Flags::FENCED),
+        );
+        waits[k / 100] += usize::from(period.output.flags.has(Flags::FENCED));
     }
     (waits, footing.refused())
 }

@@ -9,7 +9,7 @@ use glam::DVec3;
 use palpate_body::shape::Shape;
 use palpate_device::simulated::{Move, Script};
 use palpate_device::{Device, Fault, Simulated, presets};
-use palpate_engine::Contact;
+use palpate_engine::{Contact, Flags};
 use palpate_runtime::{
     Coupling, Damping, HapticLoop, Limit, PassivityController, Record, Stages, Statistics, WorkspaceMap,
     footing, ring,
@@ -53,7 +53,7 @@ fn a_period_allocates_nothing() {
             Ok::<_, Fault>(step)
         })
         .unwrap();
-        touched += u32::from(step.output.flags.in_contact);
+        touched += u32::from(step.output.flags.has(Flags::IN_CONTACT));
         assert!(DVec3::from_array(step.command.force_n).length() <= 3.3);
     }
     assert!(touched > 300 && recorder.dropped() == 300, "{touched}");
@@ -90,15 +90,15 @@ fn a_period_on_patches_allocates_nothing_while_they_are_renewed() {
             footing.renew(haptics.contact_mut());
             haptics.rehearse(footing.patch());
             let period = haptics.period(footing.patch(), &mut device, time);
-            let waits = period.output.flags.fenced;
+            let waits = period.output.flags.has(Flags::FENCED);
             footing.report(time, period.pose.position_m, haptics.contact(), waits);
             assert!(recorder.push(&Record::new(k.into(), &haptics, &period)));
             (period, footing.asked().0 != before)
         });
         assert_eq!(period.fault, None);
-        touched += u32::from(period.output.flags.in_contact);
+        touched += u32::from(period.output.flags.has(Flags::IN_CONTACT));
         patches += u32::from(renewed);
-        waited += u32::from(period.output.flags.fenced);
+        waited += u32::from(period.output.flags.has(Flags::FENCED));
     }
     println!("{touched} in contact, {patches} patches, {waited} at the fence");
     assert!(touched > 300 && patches > 10 && waited > 0, "{touched} {patches} {waited}");

@@ -12,7 +12,7 @@ use palpate_device::simulated::{Hand, Move, Script};
 use palpate_device::{
     Capabilities, Command, Device, Fault, Figure, OpenError, Pose, Sample, Simulated, presets,
 };
-use palpate_engine::Contact;
+use palpate_engine::{Contact, Flags};
 use palpate_runtime::{Coupling, HapticLoop, Period, Safety, StageCounts, StageFlags, WorkspaceMap, footing};
 use std::sync::Arc;
 
@@ -144,14 +144,14 @@ fn run(body: &Arc<Body>, seed: u64, rng: &mut Chance, tally: &mut Tally) {
                 }
                 footing.renew(closed.contact_mut());
                 let period = closed.period(footing.patch(), &mut device, now);
-                let waits = period.flags.has(StageFlags::WAITED) || period.output.flags.fenced;
+                let waits = period.flags.has(StageFlags::WAITED) || period.output.flags.has(Flags::FENCED);
                 footing.report(now, period.pose.position_m, closed.contact(), waits);
                 period
             }
         };
         tally.flags.add(period.flags);
-        tally.touching += u64::from(period.output.flags.in_contact);
-        assert!(!period.output.flags.invalid_pose, "the engine was given {:?}", period.pose);
+        tally.touching += u64::from(period.output.flags.has(Flags::IN_CONTACT));
+        assert!(!period.output.flags.has(Flags::INVALID_POSE), "the engine was given {:?}", period.pose);
         if period.flags.has(StageFlags::STOPPED) {
             told += u32::from(!period.flags.has(StageFlags::REPEATED));
             let silent = period.command == Command::default();

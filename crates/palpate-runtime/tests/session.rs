@@ -11,7 +11,7 @@ use palpate_body::{
 };
 use palpate_device::simulated::{Move, Script};
 use palpate_device::{Capabilities, Command, Device, Fault, OpenError, Sample, Simulated, presets};
-use palpate_engine::{Ablation, Contact};
+use palpate_engine::{Ablation, Contact, Flags};
 use palpate_runtime::{
     End, Ending, HapticLoop, Header, Opened, Patience, RealTime, Record, Recording, RecordingFile, Report,
     Retrace, Safety, Scribe, Session, Settings, WorkspaceMap, ring,
@@ -555,7 +555,7 @@ fn a_recording_on_patches_is_replayed_to_the_bit_by_two_devices_at_once() {
             assert_eq!(output.contact.map_or(Record::NONE, |c| c.element), record.element);
             assert_eq!(output.energy.work_j.to_bits(), record.work_j.to_bits());
             patches += usize::from(last.is_none_or(|l| l.patch_serial != record.patch_serial));
-            steps += usize::from(output.flags.in_contact);
+            steps += usize::from(output.flags.has(Flags::IN_CONTACT));
             last = Some(record);
         }
         assert!(steps > 50 && patches > 3, "{steps} {patches}");

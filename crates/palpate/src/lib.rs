@@ -3,11 +3,11 @@
 //! Programs that render contact need [`Body`] and [`Contact`] only:
 //!
 //! ```no_run
-//! use palpate::{Body, Contact, ToolPose};
+//! use palpate::{Body, Contact, ToolState};
 //!
 //! let body = Body::open("liver.body".as_ref())?;
 //! let mut contact = Contact::new(&body);
-//! let output = contact.step(&body, &ToolPose::at([0.0, 0.0, 31e-3]));
+//! let output = contact.step(&body, &ToolState::at([0.0, 0.0, 31e-3]), 1e-3);
 //! println!("{:?} N", output.force_n);
 //! # Ok::<(), palpate::BodyError>(())
 //! ```
@@ -35,7 +35,7 @@ pub mod validate;
 pub mod vtu;
 
 pub use palpate_body::{Body, BodyError};
-pub use palpate_engine::{Ablation, Contact, Output, ToolPose};
+pub use palpate_engine::{Ablation, Contact, Output, ToolState};
 
 /// The README's example, compiled and run.
 #[cfg(doctest)]

@@ -4,7 +4,7 @@ use crate::csv_table::Table;
 use crate::files;
 use anyhow::{Result, bail};
 use glam::{DQuat, DVec3};
-use palpate_engine::ToolPose;
+use palpate_engine::ToolState;
 use std::path::Path;
 
 /// The tool's pose at a time.
@@ -13,7 +13,7 @@ pub struct Waypoint {
     /// s.
     pub time_s: f64,
     /// In the body's frame.
-    pub pose: ToolPose,
+    pub pose: ToolState,
 }
 
 /// Steps that a resampled path may have.
@@ -45,7 +45,7 @@ fn parse(path: &Path, text: &str) -> Result<Vec<Waypoint>> {
         if position_m.iter().any(|x| x.abs() > 1e3) {
             return Err(table.error(row, "a coordinate is beyond 1000 m; give positions in m"));
         }
-        let mut pose = ToolPose::at(position_m);
+        let mut pose = ToolState::at(position_m);
         if table.optional {
             let q = [v[4], v[5], v[6], v[7]];
             let length = q.iter().map(|c| c * c).sum::<f64>().sqrt();
@@ -95,11 +95,11 @@ pub fn resample(waypoints: &[Waypoint], rate_hz: f64) -> Result<Vec<Waypoint>> {
     Ok(resampled)
 }
 
-fn between(a: &ToolPose, b: &ToolPose, s: f64) -> ToolPose {
+fn between(a: &ToolState, b: &ToolState, s: f64) -> ToolState {
     let quaternion = |[w, x, y, z]: [f64; 4]| DQuat::from_xyzw(x, y, z, w);
     let q = quaternion(a.orientation).slerp(quaternion(b.orientation), s);
     let p = DVec3::from_array(a.position_m) * (1.0 - s) + DVec3::from_array(b.position_m) * s;
-    ToolPose { position_m: p.to_array(), orientation: [q.w, q.x, q.y, q.z] }
+    ToolState { position_m: p.to_array(), orientation: [q.w, q.x, q.y, q.z] }
 }
 
 #[cfg(test)]

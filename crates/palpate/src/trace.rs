@@ -4,24 +4,26 @@ use crate::path::Waypoint;
 use anyhow::Result;
 use glam::DVec3;
 use palpate_body::{Body, ContactModel, SlipRule};
-use palpate_engine::{Ablation, Contact, Counters, Ledger, Output, ToolPose};
+use palpate_engine::{Ablation, Contact, Counters, Flags, Ledger, Output, ToolState};
 use serde::Serialize;
 use std::io::Write;
 
-/// A contact that is led along poses: an iterator over its outputs.
+/// A contact that is led along a path: an iterator over its outputs.
 #[derive(Debug)]
 pub struct Rollout<'b, I> {
     body: &'b Body,
     contact: Contact,
-    poses: I,
+    path: I,
+    last_s: Option<f64>,
 }
 
-/// Leads a new contact on `body` along `poses`, with this slip rule.
-pub fn rollout<I>(body: &Body, poses: I, rule: SlipRule, ablation: Ablation) -> Rollout<'_, I::IntoIter>
+/// Leads a new contact on `body` along `path`, with this slip rule.
+pub fn rollout<I>(body: &Body, path: I, rule: SlipRule, ablation: Ablation) -> Rollout<'_, I::IntoIter>
 where
-    I: IntoIterator<Item = ToolPose>,
+    I: IntoIterator<Item = Waypoint>,
 {
-    Rollout { body, contact: Contact::with_slip(body, rule, ablation), poses: poses.into_iter() }
+    let contact = Contact::with_slip(body, rule, ablation);
+    Rollout { body, contact, path: path.into_iter(), last_s: None }
 }
 
 impl<I> Rollout<'_, I> {
@@ -31,11 +33,13 @@ impl<I> Rollout<'_, I> {
     }
 }
 
-impl<I: Iterator<Item = ToolPose>> Iterator for Rollout<'_, I> {
+impl<I: Iterator<Item = Waypoint>> Iterator for Rollout<'_, I> {
     type Item = Output;
 
     fn next(&mut self) -> Option<Output> {
-        Some(self.contact.step(self.body, &self.poses.next()?))
+        let Waypoint { time_s, pose } = self.path.next()?;
+        let dt = time_s - self.last_s.replace(time_s).unwrap_or(time_s);
+        Some(self.contact.step(self.body, &pose, dt))
     }
 }
 
@@ -54,7 +58,12 @@ pub fn write_row(out: &mut dyn Write, waypoint: &Waypoint, output: &Output) -> R
         .map_or((-1, [0.0; 3], 0.0, 0.0), |c| (i64::from(c.element), c.position_m, c.delta_z_m, c.delta_r_m));
     let [x, y, z] = waypoint.pose.position_m;
     write!(out, "{:?},{x:?},{y:?},{z:?},", waypoint.time_s)?;
-    write!(out, "{},{},{element},", u8::from(flags.in_contact), u8::from(flags.slipping))?;
+    write!(
+        out,
+        "{},{},{element},",
+        u8::from(flags.has(Flags::IN_CONTACT)),
+        u8::from(flags.has(Flags::SLIPPING))
+    )?;
     write!(out, "{:?},{:?},{:?},{depth:?},{lateral:?},", c[0], c[1], c[2])?;
     write!(out, "{:?},{:?},{:?},{:?},{:?},{:?},", f[0], f[1], f[2], t[0], t[1], t[2])?;
     writeln!(
@@ -123,22 +132,32 @@ pub struct Counts {
     pub contained: u64,
 }
 
-/// How many rows had each of the [`palpate_engine::Flags`].
-#[derive(Debug, Clone, Default, Serialize)]
-#[expect(missing_docs, reason = "the names are the flags', which documents them")]
-pub struct FlagCounts {
-    pub in_contact: u64,
-    pub slipping: u64,
-    pub onset: u64,
-    pub released: u64,
-    pub reanchored: u64,
-    pub border: u64,
-    pub blocked: u64,
-    pub capped: u64,
-    pub invalid_pose: u64,
-    pub contained: u64,
-    pub started_inside: u64,
-    pub fenced: u64,
+/// How many rows had each of the engine's [`Flags`]; as JSON by their names, those that older traces have not only where
+/// there are any.
+#[derive(Debug, Clone, Default)]
+pub struct FlagCounts([u64; Flags::NAMED.len()]);
+
+impl FlagCounts {
+    /// Rows with `flag`, a single one.
+    pub fn of(&self, flag: Flags) -> u64 {
+        self.0.get(flag.bits().trailing_zeros() as usize).copied().unwrap_or(0)
+    }
+
+    fn add(&mut self, flags: Flags) {
+        for (count, (_, flag)) in self.0.iter_mut().zip(Flags::NAMED) {
+            *count += u64::from(flags.has(flag));
+        }
+    }
+}
+
+impl Serialize for FlagCounts {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let newer = Flags::INVALID_TIME | Flags::OTHER_BODY;
+        let counted = Flags::NAMED.into_iter().zip(self.0);
+        serializer.collect_map(
+            counted.filter(|((_, flag), n)| *n > 0 || !newer.has(*flag)).map(|((name, _), n)| (name, n)),
+        )
+    }
 }
 
 impl Summary {
@@ -165,25 +184,10 @@ impl Summary {
             }
         }
         // Contacts end at the border before a tip can be inside again without a beginning.
-        self.began_inside += u64::from(output.flags.started_inside && self.flags.border == 0);
+        self.began_inside +=
+            u64::from(output.flags.has(Flags::STARTED_INSIDE) && self.flags.of(Flags::BORDER) == 0);
         self.before = Some((*waypoint, *output));
-        let (f, n) = (&output.flags, &mut self.flags);
-        for (flag, count) in [
-            (f.in_contact, &mut n.in_contact),
-            (f.slipping, &mut n.slipping),
-            (f.onset, &mut n.onset),
-            (f.released, &mut n.released),
-            (f.reanchored, &mut n.reanchored),
-            (f.border, &mut n.border),
-            (f.blocked, &mut n.blocked),
-            (f.capped, &mut n.capped),
-            (f.invalid_pose, &mut n.invalid_pose),
-            (f.contained, &mut n.contained),
-            (f.started_inside, &mut n.started_inside),
-            (f.fenced, &mut n.fenced),
-        ] {
-            *count += u64::from(flag);
-        }
+        self.flags.add(output.flags);
     }
 
     /// Takes over what the contact itself counted.
@@ -200,11 +204,14 @@ impl Summary {
             capped,
             invalid_poses,
             contained,
-            // The contact is of this body.
+            // The contact is of this body, and time goes on in a path.
+            invalid_times: _,
+            other_bodies: _,
             underived: _,
             held_back: _,
         } = *contact.counters();
-        let Ledger { work_j, stored_j, dissipated_j, generated_j, tank_j: _ } = *contact.energy();
+        let Ledger { work_j, stored_j, dissipated_j, generated_j, relaxed_j: _, tank_j: _ } =
+            *contact.energy();
         self.contacts = onsets;
         self.energy = Energies { work_j, stored_j, dissipated_j, generated_j };
         self.counters = Counts {
@@ -227,25 +234,25 @@ impl Summary {
         let said = [
             (self.began_inside, "began inside the body and felt no force until it had left"),
             (
-                n.capped,
+                n.of(Flags::CAPPED),
                 "ran into the bound of the slip search; the lateral force was cut to the friction limit",
             ),
-            (n.blocked, "had the contact point held by an edge or vertex"),
+            (n.of(Flags::BLOCKED), "had the contact point held by an edge or vertex"),
             (
-                n.reanchored,
+                n.of(Flags::REANCHORED),
                 "took up contact anew at the nearest surface point after a release inside the body",
             ),
-            (n.invalid_pose, "had a pose that can't be used"),
-            (n.contained, "had a force that was not finite and became 0"),
+            (n.of(Flags::INVALID_POSE), "had a pose that can't be used"),
+            (n.of(Flags::CONTAINED), "had a force that was not finite and became 0"),
         ];
         let mut warnings: Vec<String> = said
             .into_iter()
             .filter(|(n, _)| *n > 0)
             .map(|(n, what)| format!("{n} of {} steps {what}", self.steps))
             .collect();
-        if n.border > 0 {
-            let ended = count(n.border, "contact");
-            let without_force = match n.started_inside - self.began_inside {
+        if n.of(Flags::BORDER) > 0 {
+            let ended = count(n.of(Flags::BORDER), "contact");
+            let without_force = match n.of(Flags::STARTED_INSIDE) - self.began_inside {
                 0 => String::new(),
                 steps => format!("; {} behind the surface after that had no force", count(steps, "step")),
             };
@@ -269,7 +276,7 @@ impl Summary {
                 count(self.extrapolated_steps, "step")
             ));
         }
-        if self.contacts == 0 && n.started_inside == 0 {
+        if self.contacts == 0 && n.of(Flags::STARTED_INSIDE) == 0 {
             let tips = path.iter().map(|w| DVec3::from_array(w.pose.position_m));
             let closest = tips.fold(f64::INFINITY, |closest, tip| {
                 body.nearest(tip, closest).map_or(closest, |nearest| nearest.distance.min(closest))

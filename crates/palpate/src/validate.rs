@@ -6,11 +6,12 @@
 //!
 //! Where the error comes from shows when the body's answer is replaced, step by step, by better ones: see [`Source`].
 
+use crate::path::Waypoint;
 use crate::trace::rollout;
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
 use palpate_body::{Body, BodyParts, Curve, Extension, Interpolation, SurfacePoint};
-use palpate_engine::{Ablation, ToolPose};
+use palpate_engine::{Ablation, ToolState};
 use palpate_identify::{DragRecord, PointFit, PointRecord, fit_point};
 use palpate_simulate::{Drag, Path as LoadPath, PointPaths, PointPlan};
 use rayon::prelude::*;
@@ -409,7 +410,7 @@ impl Tried {
         let gap = radius.max(1e-4);
         let pose = |depth: f64, distance: f64| {
             let tip = self.point + self.inward * (depth - radius) + self.direction * distance;
-            ToolPose::at(tip.to_array())
+            ToolState::at(tip.to_array())
         };
         let mut poses = vec![pose(-gap, 0.0)];
         let mut last = (-gap, 0.0);
@@ -421,7 +422,8 @@ impl Tried {
             }
             last = (depth, distance);
         }
-        let outputs = rollout(body, poses, body.slip(), Ablation::None);
+        let path = poses.into_iter().enumerate().map(|(k, pose)| Waypoint { time_s: k as f64 * 1e-3, pose });
+        let outputs = rollout(body, path, body.slip(), Ablation::None);
         let forces = outputs.map(|o| -DVec3::from_array(o.force_n));
         forces.skip(BETWEEN as usize).step_by(BETWEEN as usize).collect()
     }

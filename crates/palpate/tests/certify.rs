@@ -5,7 +5,7 @@ use palpate::certify::{certificate, elements, floor};
 use palpate_body::shape::{Resolution, Shape};
 use palpate_body::{Body, BodyParts, NodeMix, Provenance, Response, SlipRule, Tool};
 use palpate_engine::certify::Assumptions;
-use palpate_engine::{Ablation, Contact, ToolPose};
+use palpate_engine::{Ablation, Contact, Flags, ToolState};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -161,12 +161,12 @@ fn violations(body: &Body, steps: usize, seed: u64) -> usize {
         ((a + b + c) / 3.0 + body.outward(seed as u32 % body.elements().len() as u32) * 1e-3, DVec3::X);
     let (mut count, mut before) = (0, *contact.energy());
     for _ in 0..steps {
-        let output = contact.step(body, &ToolPose::at(x.to_array()));
+        let output = contact.step(body, &ToolState::at(x.to_array()), 1e-3);
         let energy = output.energy;
         let gained = energy.generated_j - before.generated_j;
         let moved = (energy.work_j - before.work_j).abs() + energy.stored_j + before.stored_j;
         let flags = output.flags;
-        let covered = !flags.reanchored && output.contact.is_none_or(|c| c.delta_z_m < 6e-3);
+        let covered = !flags.has(Flags::REANCHORED) && output.contact.is_none_or(|c| c.delta_z_m < 6e-3);
         count += usize::from(covered && gained > 1e-12 * moved);
         before = energy;
         let nearest = body.nearest(x, f64::INFINITY).unwrap();

@@ -1,8 +1,9 @@
 //! The command from outside: files in, files out, exit statuses, one-line complaints.
 
+use palpate::path::Waypoint;
 use palpate_body::shape::{Resolution, Shape};
 use palpate_body::{Body, SlipRule};
-use palpate_engine::{Ablation, Output, ToolPose};
+use palpate_engine::{Ablation, Output, ToolState};
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::fs;
@@ -248,8 +249,8 @@ fn a_trace_reads_back_to_the_same_bits() {
     ] {
         desk.done(&format!("trace c.body --path path.csv --rate-hz 500 -o trace.csv --slip paper {flag}"));
         let rows = rows(&desk.path("trace.csv"));
-        let poses: Vec<ToolPose> = rows.iter().map(|r| ToolPose::at([r[1], r[2], r[3]])).collect();
-        let outputs: Vec<Output> = palpate::trace::rollout(&body, poses, SlipRule::Paper, ablation).collect();
+        let path = rows.iter().map(|r| Waypoint { time_s: r[0], pose: ToolState::at([r[1], r[2], r[3]]) });
+        let outputs: Vec<Output> = palpate::trace::rollout(&body, path, SlipRule::Paper, ablation).collect();
         assert_eq!(rows.len(), 201);
         assert!(rows.iter().any(|r| r[4] == 1.0) && rows.iter().any(|r| r[4] == 0.0 && r[6] == -1.0));
         for (row, output) in rows.iter().zip(&outputs) {

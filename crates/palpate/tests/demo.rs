@@ -72,7 +72,7 @@ fn going_on(out: &Path, report: &Report) {
     for (setting, (_, ablation)) in report.settings.iter().zip(SETTINGS) {
         let mut contact = Contact::with_ablation(&body, ablation);
         for waypoint in &waypoints {
-            contact.step(&body, &waypoint.pose);
+            contact.step(&body, &waypoint.pose, 1e-3);
         }
         assert_eq!(contact.energy().work_j, setting.work_j, "{}", setting.name);
     }

@@ -6,7 +6,7 @@ use palpate_body::shape::{Resolution, Shape};
 use palpate_body::{
     Body, BodyParts, Curve, Extension, Interpolation, Provenance, Response, SlipRule, Tool, tensor,
 };
-use palpate_engine::{Contact, ToolPose};
+use palpate_engine::{Contact, ToolState};
 use palpate_identify::{Amount, spread, test_points};
 use palpate_simulate::{Path, PointPaths, PointPlan, State, Stop};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -251,10 +251,10 @@ fn a_sticking_body_answers_as_before_and_sticks() {
         }
     }
     let mut contact = Contact::new(&rough);
-    contact.step(&rough, &ToolPose::at([0.0, 0.0, 31e-3]));
-    let pressed = contact.step(&rough, &ToolPose::at([0.0, 0.0, 29e-3]));
+    contact.step(&rough, &ToolState::at([0.0, 0.0, 31e-3]), 1e-3);
+    let pressed = contact.step(&rough, &ToolState::at([0.0, 0.0, 29e-3]), 1e-3);
     let c = pressed.contact.unwrap().position_m;
-    let dragged = contact.step(&rough, &ToolPose::at([9e-3, 0.0, 29e-3]));
+    let dragged = contact.step(&rough, &ToolState::at([9e-3, 0.0, 29e-3]), 1e-3);
     assert_eq!(dragged.contact.unwrap().position_m, c);
     assert!(dragged.force_n[0] < -0.4);
     let v = try_with(&body, 8, [1.1, 0.9], 0.0);

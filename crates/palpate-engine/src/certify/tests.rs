@@ -1,6 +1,7 @@
 //! The formulas against finite differences of the engine's own energy and drive, and bounds against states.
 
 use super::*;
+use crate::Flags;
 use crate::decoupled::{Isotropic, Stretch};
 use crate::drive::{Consistent, Exact, Rule};
 use crate::field::{Ablation, Law, Site};
@@ -271,10 +272,16 @@ fn through<L: Lateral>(bodies: &[Body], slip: SlipRule) -> usize {
         let mut contact = crate::Contact::new(&body);
         let mut last = crate::Output::default();
         for _ in 0..400 {
-            let o = contact.step(&body, &crate::ToolPose::at(tip.to_array()));
-            let odd =
-                |o: &crate::Output| o.flags.onset || o.flags.blocked || o.flags.capped || o.flags.released;
-            if let (Some(a), Some(b), false, true) = (last.contact, o.contact, odd(&o), o.flags.slipping) {
+            let o = contact.step(&body, &crate::ToolState::at(tip.to_array()), 1e-3);
+            let odd = |o: &crate::Output| {
+                o.flags.has(Flags::ONSET)
+                    || o.flags.has(Flags::BLOCKED)
+                    || o.flags.has(Flags::CAPPED)
+                    || o.flags.has(Flags::RELEASED)
+            };
+            if let (Some(a), Some(b), false, true) =
+                (last.contact, o.contact, odd(&o), o.flags.has(Flags::SLIPPING))
+            {
                 let (start, end) = (
                     SurfacePoint { element: a.element, n: a.n },
                     SurfacePoint { element: b.element, n: b.n },

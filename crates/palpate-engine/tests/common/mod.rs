@@ -5,7 +5,7 @@ use glam::DVec3;
 use palpate_body::{
     Body, BodyParts, NodeMix, Provenance, Response, SlipRule, Surface, Tensor, Tool, TriangleMesh, tensor,
 };
-use palpate_engine::{Contact, Output, ToolPose};
+use palpate_engine::{Contact, Output, ToolState};
 use proptest::strategy::Strategy;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -354,12 +354,12 @@ impl Wander {
 }
 
 pub fn step(contact: &mut Contact, body: &palpate_body::ContactModel, p: DVec3) -> Output {
-    step_pose(contact, body, &ToolPose::at(p.to_array()))
+    step_pose(contact, body, &ToolState::at(p.to_array()))
 }
 
-/// Every step of these tests.
-pub fn step_pose(contact: &mut Contact, body: &palpate_body::ContactModel, pose: &ToolPose) -> Output {
-    contact.step(body, pose)
+/// Every step of these tests: at 1 kHz.
+pub fn step_pose(contact: &mut Contact, body: &palpate_body::ContactModel, pose: &ToolState) -> Output {
+    contact.step(body, pose, 1e-3)
 }
 
 pub fn force(output: &Output) -> DVec3 {

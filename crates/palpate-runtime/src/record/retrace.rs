@@ -12,12 +12,14 @@ pub struct Retrace<'a> {
     contact: Contact,
     /// The patch and its serial.
     patch: Option<(u64, Patch)>,
+    /// When the last step was, s.
+    stepped_s: Option<f64>,
 }
 
 impl<'a> Retrace<'a> {
     /// `contact` must be as the loop's was: new, with its slip rule and ablation.
     pub fn new(body: &'a dyn BodySource, contact: Contact) -> Self {
-        Retrace { body, contact, patch: None }
+        Retrace { body, contact, patch: None, stepped_s: None }
     }
 
     /// The contact as it is now.
@@ -38,6 +40,7 @@ impl<'a> Retrace<'a> {
     pub fn step(&mut self, record: &Record) -> Result<Option<Output>> {
         self.go_over(record)?;
         let Some(pose) = record.tool() else { return Ok(None) };
+        let dt = record.time_s - self.stepped_s.replace(record.time_s).unwrap_or(record.time_s);
         let Some((_, patch)) = &self.patch else {
             let whole = self.body.outline();
             if whole.elements().is_empty() {
@@ -45,11 +48,11 @@ impl<'a> Retrace<'a> {
                 return Err(BodyError::invalid("recording", problem, "open the body with Body::open"));
             }
             self.body.serves(self.contact.slip_rule())?;
-            return Ok(Some(self.contact.step(whole, &pose)));
+            return Ok(Some(self.contact.step(whole, &pose, dt)));
         };
         // As the loop did: what came from beyond the patch is forgotten.
         ready(patch, &mut self.contact, &pose);
-        let mut output = self.contact.step(patch.model(), &pose);
+        let mut output = self.contact.step(patch.model(), &pose, dt);
         if let Some(contact) = &mut output.contact {
             contact.element = patch.global(contact.element);
         }

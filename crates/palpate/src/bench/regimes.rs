@@ -4,7 +4,7 @@ use super::Row;
 use super::cylinder::{LENGTH, RADIUS};
 use super::timing::{BATCH, Clock};
 use palpate_body::{Body, SlipRule};
-use palpate_engine::{Ablation, Contact, Counters, Output, ToolPose};
+use palpate_engine::{Ablation, Contact, Counters, Flags, Output, ToolState};
 use std::f64::consts::PI;
 use std::hint::black_box;
 
@@ -15,6 +15,8 @@ pub const REGIMES: [&str; 5] = ["slide-cold", "slide", "stick", "free", "poke"];
 const DEPTH: f64 = 3e-3;
 /// Of a drag: 0.1 m/s at 1 kHz, m.
 const STRIDE: f64 = 1e-4;
+/// s
+const PERIOD: f64 = 1e-3;
 
 /// Runs a regime for about `steps` steps, with this slip rule.
 pub fn run(body: &Body, rule: SlipRule, regime: &'static str, steps: usize, clock: &Clock) -> Row {
@@ -81,8 +83,8 @@ impl Counts {
     }
 
     fn add_output(&mut self, output: &Output) {
-        self.slipping += u64::from(output.flags.slipping);
-        self.in_contact += u64::from(output.flags.in_contact);
+        self.slipping += u64::from(output.flags.has(Flags::SLIPPING));
+        self.in_contact += u64::from(output.flags.has(Flags::IN_CONTACT));
     }
 }
 
@@ -91,7 +93,7 @@ impl Counts {
 fn along(
     body: &Body,
     new: &dyn Fn() -> Contact,
-    [batched, single]: [&[ToolPose]; 2],
+    [batched, single]: [&[ToolState]; 2],
     lead_in: usize,
 ) -> Timed {
     let mut timed = Timed::default();
@@ -99,22 +101,22 @@ fn along(
     for poses in batched.chunks_exact(BATCH).skip(lead_in / BATCH) {
         timed.batches.push(Clock::nanoseconds(|| {
             for pose in poses {
-                black_box(contact.step(body, black_box(pose)));
+                black_box(contact.step(body, black_box(pose), PERIOD));
             }
         }));
     }
     let mut contact = enter(body, new(), single);
     let (lead_in, single) = single.split_at(lead_in.min(single.len()));
     for pose in lead_in {
-        contact.step(body, pose);
+        contact.step(body, pose, PERIOD);
     }
     let before = *contact.counters();
     timed.singles.reserve(single.len());
     for pose in single {
         let mut output = None;
-        timed
-            .singles
-            .push(Clock::nanoseconds(|| output = Some(black_box(contact.step(body, black_box(pose))))));
+        timed.singles.push(Clock::nanoseconds(|| {
+            output = Some(black_box(contact.step(body, black_box(pose), PERIOD)))
+        }));
         if let Some(output) = output {
             timed.counts.add_output(&output);
         }
@@ -124,12 +126,12 @@ fn along(
 }
 
 /// A contact that came to the first pose from straight outside, to where the drag or the circle begins.
-fn enter(body: &Body, mut contact: Contact, path: &[ToolPose]) -> Contact {
+fn enter(body: &Body, mut contact: Contact, path: &[ToolState]) -> Contact {
     if let Some(first) = path.first() {
         let [x, y, z] = first.position_m;
         let out = (RADIUS + 1e-3) / (x * x + y * y).sqrt();
-        contact.step(body, &ToolPose::at([x * out.max(1.0), y * out.max(1.0), z]));
-        contact.step(body, first);
+        contact.step(body, &ToolState::at([x * out.max(1.0), y * out.max(1.0), z]), PERIOD);
+        contact.step(body, first, PERIOD);
     }
     contact
 }
@@ -142,8 +144,8 @@ fn poke(body: &Body, new: &dyn Fn() -> Contact, count: usize) -> Timed {
     let mut waiting = || {
         let (angle, z) = (2.0 * PI * random.unit(), LENGTH * (0.8 * random.unit() - 0.4));
         let mut contact = new();
-        contact.step(body, &at(angle, RADIUS + 0.06, if z > 0.0 { z - 0.01 } else { z + 0.01 }));
-        contact.step(body, &at(angle, RADIUS + 1e-3, z));
+        contact.step(body, &at(angle, RADIUS + 0.06, if z > 0.0 { z - 0.01 } else { z + 0.01 }), PERIOD);
+        contact.step(body, &at(angle, RADIUS + 1e-3, z), PERIOD);
         (contact, at(angle, RADIUS - DEPTH, z))
     };
     for batched in [true, false] {
@@ -152,7 +154,7 @@ fn poke(body: &Body, new: &dyn Fn() -> Contact, count: usize) -> Timed {
             if batched {
                 timed.batches.push(Clock::nanoseconds(|| {
                     for (contact, pose) in &mut contacts {
-                        black_box(contact.step(body, black_box(pose)));
+                        black_box(contact.step(body, black_box(pose), PERIOD));
                     }
                 }));
                 continue;
@@ -160,7 +162,7 @@ fn poke(body: &Body, new: &dyn Fn() -> Contact, count: usize) -> Timed {
             for (contact, pose) in &mut contacts {
                 let (before, mut output) = (*contact.counters(), None);
                 timed.singles.push(Clock::nanoseconds(|| {
-                    output = Some(black_box(contact.step(body, black_box(pose))))
+                    output = Some(black_box(contact.step(body, black_box(pose), PERIOD)))
                 }));
                 timed.counts.add_contact(&before, contact.counters());
                 if let Some(output) = output {
@@ -172,13 +174,13 @@ fn poke(body: &Body, new: &dyn Fn() -> Contact, count: usize) -> Timed {
     timed
 }
 
-fn at(angle: f64, radius: f64, z: f64) -> ToolPose {
-    ToolPose::at([radius * libm::cos(angle), radius * libm::sin(angle), z])
+fn at(angle: f64, radius: f64, z: f64) -> ToolState {
+    ToolState::at([radius * libm::cos(angle), radius * libm::sin(angle), z])
 }
 
 /// A drag around the axis that climbs by `pitch` (m) a turn, from 40 mm below the middle, or from 20 mm if one turn
 /// is all there is; turned on by `shift` of a pitch. It stays 10 mm away from the borders.
-fn helix(shift: f64, pitch: f64, steps: usize) -> Vec<ToolPose> {
+fn helix(shift: f64, pitch: f64, steps: usize) -> Vec<ToolState> {
     let turn = 2.0 * PI * RADIUS / STRIDE;
     let low = if pitch > 0.01 { -0.02 } else { -0.04 };
     let pose = |i: usize| {
@@ -188,13 +190,13 @@ fn helix(shift: f64, pitch: f64, steps: usize) -> Vec<ToolPose> {
     (0..steps).map(pose).collect()
 }
 
-fn there_and_back(path: Vec<ToolPose>) -> Vec<ToolPose> {
+fn there_and_back(path: Vec<ToolState>) -> Vec<ToolState> {
     let back: Vec<_> = path.iter().rev().copied().collect();
     path.into_iter().chain(back).collect()
 }
 
 /// Circles of 0.1 mm in 200 steps, 3 mm deep: the friction limit lies above 0.2 mm there.
-fn circle() -> Vec<ToolPose> {
+fn circle() -> Vec<ToolState> {
     let pose = |i: usize| {
         let turn = 2.0 * PI * i as f64 / 200.0;
         let (side, z) = (1e-4 * (1.0 - libm::cos(turn)) / 2.0, 5e-3 + 5e-5 * libm::sin(turn));
@@ -204,7 +206,7 @@ fn circle() -> Vec<ToolPose> {
 }
 
 /// Around the body at 5 to 20 mm from it, at 0.1 m/s.
-fn above() -> Vec<ToolPose> {
+fn above() -> Vec<ToolState> {
     let steps = 2600;
     let pose = |i: usize| {
         let turn = 2.0 * PI * i as f64 / steps as f64;
@@ -213,7 +215,7 @@ fn above() -> Vec<ToolPose> {
     (0..steps).map(pose).collect()
 }
 
-fn repeated(path: Vec<ToolPose>, steps: usize) -> Vec<ToolPose> {
+fn repeated(path: Vec<ToolState>, steps: usize) -> Vec<ToolState> {
     path.iter().copied().cycle().take(steps).collect()
 }
 

@@ -5,7 +5,7 @@ use crate::trace::rollout;
 use glam::DVec3;
 use palpate_body::{Body, SlipRule};
 use palpate_engine::certify::{Assumptions, Cell, Criterion, Patch, State};
-use palpate_engine::{Ablation, ToolPose};
+use palpate_engine::{Ablation, Flags, ToolState};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -117,29 +117,32 @@ fn traced(body: &Body, slip: SlipRule, tips: &[DVec3]) -> Option<Shown> {
         .chain(tips.last().copied())
         .collect();
     let (_, finer_step_n) = led(body, slip, &finer)?;
-    let waypoints: Vec<Waypoint> = tips
-        .iter()
-        .enumerate()
-        .map(|(i, x)| Waypoint { time_s: i as f64 * 1e-3, pose: ToolPose::at(x.to_array()) })
-        .collect();
+    let waypoints: Vec<Waypoint> = waypoints(&tips).collect();
     Some(Shown { path: None, rows: waypoints.len(), generated_j, largest_step_n, finer_step_n, waypoints })
+}
+
+/// A millisecond each.
+fn waypoints(tips: &[DVec3]) -> impl Iterator<Item = Waypoint> {
+    let at =
+        |(i, x): (usize, &DVec3)| Waypoint { time_s: i as f64 * 1e-3, pose: ToolState::at(x.to_array()) };
+    tips.iter().enumerate().map(at)
 }
 
 /// Energy generated, and the largest step of the force while in contact.
 fn led(body: &Body, slip: SlipRule, tips: &[DVec3]) -> Option<(f64, f64)> {
-    let poses = tips.iter().map(|tip| ToolPose::at(tip.to_array()));
-    let mut outputs = rollout(body, poses, slip, Ablation::None);
+    let mut outputs = rollout(body, waypoints(tips), slip, Ablation::None);
     let (mut before, mut largest, mut touching) = (DVec3::ZERO, 0.0f64, false);
     for output in outputs.by_ref() {
         let flags = output.flags;
-        if flags.reanchored || flags.capped || flags.blocked || flags.started_inside || flags.border {
+        let odd = Flags::REANCHORED | Flags::CAPPED | Flags::BLOCKED | Flags::STARTED_INSIDE | Flags::BORDER;
+        if flags.has(odd) {
             return None;
         }
         let force = DVec3::from_array(output.force_n);
         if touching {
             largest = largest.max(force.distance(before));
         }
-        (before, touching) = (force, flags.in_contact);
+        (before, touching) = (force, flags.has(Flags::IN_CONTACT));
     }
     // Rounding is no gain.
     let energy = outputs.contact().energy();

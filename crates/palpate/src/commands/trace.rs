@@ -75,7 +75,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut summary = Summary::default();
     files::replace_or_stream(&args.output, |out| {
         writeln!(out, "{COLUMNS}")?;
-        let mut rollout = rollout(&body, waypoints.iter().map(|w| w.pose), rule, ablation);
+        let mut rollout = rollout(&body, waypoints.iter().copied(), rule, ablation);
         for waypoint in &waypoints {
             let Some(output) = rollout.next() else { break };
             write_row(out, waypoint, &output)?;

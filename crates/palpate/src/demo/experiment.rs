@@ -3,7 +3,7 @@
 use super::path;
 use glam::DVec3;
 use palpate_body::Body;
-use palpate_engine::{Ablation, Contact, Counters, Ledger, Output, ToolPose};
+use palpate_engine::{Ablation, Contact, Counters, Ledger, Output, ToolState};
 
 /// The paper's four settings, in the order of all results: name and what is taken away.
 pub const SETTINGS: [(&str, Ablation); 4] = [
@@ -70,10 +70,10 @@ pub fn roll_out(body: &Body, hz: f64, keep: bool) -> Rate {
     let mut before: Option<(DVec3, [DVec3; 4], f64)> = None;
     for sample in 0..=last_sample(hz) {
         let tip = path::tip(sample as f64 / hz);
-        let pose = ToolPose::at(tip.to_array());
+        let pose = ToolState::at(tip.to_array());
         let mut forces = [DVec3::ZERO; 4];
         for ((contact, rollout), force) in contacts.iter_mut().zip(&mut settings).zip(&mut forces) {
-            let output = contact.step(body, &pose);
+            let output = contact.step(body, &pose, 1.0 / hz);
             *force = DVec3::from_array(output.force_n);
             rollout.strongest = rollout.strongest.max(force.length());
             if keep {

@@ -6,7 +6,7 @@ use crate::plot::{Line, LineChart, save};
 use anyhow::Result;
 use glam::DVec3;
 use palpate_body::{Body, Response, SlipRule};
-use palpate_engine::{Ablation, Contact, ToolPose};
+use palpate_engine::{Ablation, Contact, Flags, ToolState};
 use serde::Serialize;
 use std::f64::consts::PI;
 use std::fmt::Write;
@@ -88,7 +88,7 @@ fn cycle(body: &Body, around: u32, rule: SlipRule) -> Cycle {
         course: Vec::new(),
     };
     for (i, x) in path().enumerate() {
-        let output = contact.step(body, &ToolPose::at(x.to_array()));
+        let output = contact.step(body, &ToolState::at(x.to_array()), 1e-3);
         let force = DVec3::from_array(output.force_n);
         let bound = contact.lipschitz_n_per_m(body).unwrap_or(f64::INFINITY);
         if let Some((from, before, bound_before)) = last {
@@ -98,7 +98,7 @@ fn cycle(body: &Body, around: u32, rule: SlipRule) -> Cycle {
             cycle.largest_step_n = cycle.largest_step_n.max(step);
             cycle.excess_step_n = cycle.excess_step_n.max(step - bound.max(bound_before) * way.length());
         }
-        let bound = if output.flags.in_contact { bound } else { 0.0 };
+        let bound = if output.flags.has(Flags::IN_CONTACT) { bound } else { 0.0 };
         last = Some((x, force, bound));
         cycle.generated_j = output.energy.generated_j;
         if i % 10 == 0 {
