@@ -5,6 +5,9 @@
 
 mod common;
 
+#[path = "common/coupled.rs"]
+mod coupled;
+
 use common::*;
 use glam::DVec3;
 use palpate_body::{Body, BodyParts, Curve, Extension, Interpolation, Response, SlipRule, Tensor, tensor};
@@ -43,6 +46,10 @@ struct Case {
     ratio: f64,
     /// A test point at one vertex in so many.
     share: usize,
+    /// Whether slip is kept from giving out energy.
+    tank: bool,
+    /// Whether the law is a coupled potential.
+    coupled: bool,
 }
 
 /// The paper's experiment.
@@ -54,11 +61,13 @@ const POINT: Case = Case {
     friction: 0.3,
     ratio: 1.0,
     share: 1,
+    tank: false,
+    coupled: false,
 };
 
 /// Every rule for a point and a sphere, for isotropic and anisotropic bodies, on curves of several knots with mixes that
 /// neighbours share or that go far.
-const CASES: [Case; 19] = [
+const CASES: [Case; 25] = [
     POINT,
     Case { name: "frictionless", friction: 0.0, ..POINT },
     Case { name: "sphere", radius_m: 3e-3, ..POINT },
@@ -78,6 +87,12 @@ const CASES: [Case; 19] = [
     Case { name: "consistent-mixed", share: 20, ..CONSISTENT },
     Case { name: "consistent-mixed-wide", share: 2, radius_m: 3e-3, ratio: 2.0, ..CONSISTENT },
     Case { name: "exact-mixed", share: 20, ..EXACT },
+    Case { name: "paper-tank", friction: 0.0, tank: true, ..POINT },
+    Case { name: "consistent-tank", friction: 0.0, tank: true, ..CONSISTENT },
+    Case { name: "paper-coupled", coupled: true, ..POINT },
+    Case { name: "consistent-coupled", coupled: true, tank: true, ..CONSISTENT },
+    Case { name: "exact-coupled", coupled: true, radius_m: 3e-3, ..EXACT },
+    Case { name: "consistent-coupled-mixed", coupled: true, share: 5, radius_m: 3e-3, ..CONSISTENT },
 ];
 const CONSISTENT: Case = Case { slip: SlipRule::Consistent, ..POINT };
 const EXACT: Case = Case { slip: SlipRule::Exact, ..POINT };
@@ -85,6 +100,10 @@ const EXACT: Case = Case { slip: SlipRule::Exact, ..POINT };
 impl Case {
     fn body(&self) -> Body {
         let mesh = ellipsoid(DVec3::new(0.03, 0.029, 0.031), 2);
+        if self.coupled {
+            let body = coupled::coupled(&mesh, &mut Chance::new(11), 0.25, self.friction, self.radius_m);
+            return if self.share == 1 { body } else { coupled::sparse(&body, self.share) };
+        }
         let surface = palpate_body::Surface::build(&mesh, f64::INFINITY).unwrap();
         let kz = |p: DVec3| 600.0 * (1.0 + 0.4 * p.x / 0.03 - 0.2 * p.y * p.z / 9e-4);
         let kr = |p: DVec3| 500.0 * (1.0 + 0.3 * p.z / 0.03);
@@ -119,7 +138,7 @@ impl Case {
 
     fn trace(&self) -> Vec<Output> {
         let body = self.body();
-        let mut contact = Contact::with_slip(&body, self.slip, self.ablation);
+        let mut contact = Contact::with_slip(&body, self.slip, self.ablation).with_tank(self.tank);
         path().into_iter().map(|p| step(&mut contact, &body, p * (1.0 + self.radius_m / 0.03))).collect()
     }
 }
