@@ -21,6 +21,40 @@ struct Rate {
     limit: Interval,
 }
 
+/// How the deflections change.
+struct Motion {
+    /// ∇n along the axis that c moves along, 1/m; none where the tip moves.
+    g: Option<[f64; 3]>,
+    /// δ.
+    delta: Box3,
+    /// û before projecting, and the part of that along û; û itself, 1/m.
+    turn: Box3,
+    stretching: Interval,
+    du: Box3,
+    /// δz, δ_t and ρ.
+    depth: Interval,
+    tangential: Box3,
+    rho: Interval,
+    /// A e, 1/m.
+    twist: Box3,
+}
+
+/// How the forces change, N/m.
+struct Forcing {
+    /// Along the surface, with the deflections held.
+    along: Forces,
+    /// ρ g'.
+    secant: Interval,
+    /// A δ_t, its projection w, and g û·A δ_t.
+    stretched: Box3,
+    dw: Box3,
+    beside: Interval,
+    /// f_t, f and L.
+    lateral: Box3,
+    force: Box3,
+    limit: Interval,
+}
+
 /// Forces and gradients over a cell.
 pub(super) struct Rates<'a> {
     patch: &'a Patch,
@@ -39,7 +73,7 @@ pub(super) struct Rates<'a> {
     /// f_z − g (δz − R) − g û·A δ_t, N: what stands by δ_t in b.
     straight: Interval,
     /// P_û A e − e.
-    aside: Box3,
+    stretch_rest: Box3,
     /// b/|Σ n u|, N.
     couple: Box3,
     /// The nodes' ∇(W_l + ½ g δ_t·A δ_t), N, and the sum of all that is taken off f_t.
@@ -63,8 +97,9 @@ impl<'a> Rates<'a> {
         // b = (f_z − g (δz − R) − g û·A δ_t) δ_t − g (δz − R) (P_û A − 1) δ_t.
         let beside = lateral * frame.along_u * per_q;
         let straight = patch.law.normal_less(cell, secant, patch.radius_m) - beside;
-        let aside = if patch.is_stretched() { less(frame.w, frame.e) } else { [Interval::ZERO; 3] };
-        let couple = less(scaled(frame.e, deflection * straight), scaled(aside, secant * deflection * depth));
+        let stretch_rest = if patch.is_stretched() { less(frame.w, frame.e) } else { [Interval::ZERO; 3] };
+        let couple =
+            less(scaled(frame.e, deflection * straight), scaled(stretch_rest, secant * deflection * depth));
         let couple = scaled(couple, frame.per_length);
         let [a, b] = slopes.values(&patch.law, cell, view.turn);
         let mut mean = sum([a.sum, b.sum]);
@@ -96,7 +131,7 @@ impl<'a> Rates<'a> {
             w,
             law,
             straight,
-            aside,
+            stretch_rest,
             couple,
             nodes,
             whole,
@@ -106,132 +141,148 @@ impl<'a> Rates<'a> {
 
     /// While δ changes by `delta`: as c moves along the element's `axis`, or the tip with c held.
     fn rate(&self, delta: DVec3, axis: Option<usize>) -> Rate {
-        let Rates { patch, cell, view, frame, .. } = self;
-        let (u, e, zero) = (frame.u, frame.e, Interval::ZERO);
-        let g = axis.map_or([0.0; 3], |k| if k == 0 { view.gx } else { view.gy });
-        let delta = points(delta);
+        let moving = self.motion(delta, axis);
+        let pulling = self.forces(&moving);
+        let taken = self.taken(&moving, &pulling);
+        let Rates { patch, frame: Frame { u, .. }, .. } = self;
+        let (force, limit) = (pulling.force, pulling.limit);
+        if patch.slip == SlipRule::Exact {
+            return Rate { drive: flat(less(force, taken)), force, limit };
+        }
+        // P_û turns with û.
+        let inside = dot(*u, self.whole);
+        let drive = if axis.is_some() {
+            // All that is along û is left out: the drive's direction is at right angles to it.
+            let bare: Box3 = if patch.is_stretched() {
+                let along = self.deflection * self.frame.along_u;
+                std::array::from_fn(|i| pulling.stretched[i] - moving.turn[i] * along)
+            } else {
+                std::array::from_fn(|i| moving.delta[i] - moving.turn[i] * self.depth)
+            };
+            let pull = sum([scaled(self.w, pulling.secant), scaled(bare, self.law.secant)]);
+            sum([less(pull, taken), scaled(moving.turn, inside)])
+        } else {
+            let through = dot(*u, taken) + dot(moving.du, self.whole);
+            sum([less(pulling.lateral, taken), scaled(*u, through), scaled(moving.du, inside)])
+        };
+        Rate { drive, force, limit }
+    }
 
-        // û, δz, δ_t, ρ.
+    /// û, δz, δ_t and ρ.
+    fn motion(&self, delta: DVec3, axis: Option<usize>) -> Motion {
+        let Rates { view, frame, .. } = self;
+        let (u, e, zero) = (frame.u, frame.e, Interval::ZERO);
+        let delta = points(delta);
         let turn = axis.map_or([zero; 3], |k| scaled(points(view.du[k]), frame.per_length));
         let stretching = dot(u, turn);
         let du = less(turn, scaled(u, stretching));
-        let d_depth = self.deflection * dot(e, turn) + dot(u, delta);
-        let d_tangential: Box3 = std::array::from_fn(|i| delta[i] - u[i] * d_depth - du[i] * self.depth);
+        let depth = self.deflection * dot(e, turn) + dot(u, delta);
+        let tangential = std::array::from_fn(|i| delta[i] - u[i] * depth - du[i] * self.depth);
         let twist = match (axis, &view.stretch) {
             (Some(k), Some((_, own))) => applied(&rows(own[k]), e),
             _ => [zero; 3],
         };
         // δ_t'·A e, with du·A e = turn·w.
-        let d_rho = (dot(delta, frame.stretched) - d_depth * frame.along_u - self.depth * dot(turn, frame.w)
+        let rho = (dot(delta, frame.stretched) - depth * frame.along_u - self.depth * dot(turn, frame.w)
             + self.deflection * dot(e, twist) * 0.5)
             * self.per_q;
+        let g = axis.map(|k| if k == 0 { view.gx } else { view.gy });
+        Motion { g, delta, turn, stretching, du, depth, tangential, twist, rho }
+    }
 
-        // Forces.
+    /// The forces and the limit.
+    fn forces(&self, m: &Motion) -> Forcing {
+        let Rates { patch, frame, law, .. } = self;
+        let (u, zero) = (frame.u, Interval::ZERO);
         let nothing = Forces { normal: zero, lateral: zero, friction: zero };
-        let along_surface = axis.map_or(nothing, |_| patch.law.gradient(cell, g));
-        let normal_gradient = along_surface.normal;
-        let d_normal = self.law.slope.normal * d_depth + normal_gradient;
-        let limit = self.law.limit_rate(d_depth, &along_surface);
+        let along = m.g.map_or(nothing, |g| patch.law.gradient(self.cell, g));
         // ρ d(f_r/ρ), and f_t = f_r/ρ w.
-        let d_secant = self.law.bend * d_rho + along_surface.lateral;
-        let d_stretched = sum([scaled(twist, self.deflection), frame.stretch(d_tangential)]);
-        let along = self.deflection * frame.along_u;
-        let bent = self.deflection * dot(du, frame.stretched);
-        let dw = if patch.is_stretched() {
-            let through = dot(u, d_stretched) + bent;
-            std::array::from_fn(|i| d_stretched[i] - u[i] * through - du[i] * along)
-        } else {
-            d_tangential
-        };
-        let d_lateral = sum([scaled(self.w, d_secant), scaled(dw, self.law.secant)]);
-        let force = sum([scaled(u, d_normal), scaled(du, self.law.at.normal), d_lateral]);
+        let secant = law.bend * m.rho + along.lateral;
+        let stretched = sum([scaled(m.twist, self.deflection), frame.stretch(m.tangential)]);
+        let (mut dw, mut beside) = (m.tangential, zero);
+        if patch.is_stretched() {
+            let through = dot(u, stretched) + self.deflection * dot(m.du, frame.stretched);
+            let along = self.deflection * frame.along_u;
+            dw = std::array::from_fn(|i| stretched[i] - u[i] * through - m.du[i] * along);
+            beside = secant * frame.along_u * self.per_q + law.secant * through;
+        }
+        let lateral = sum([scaled(self.w, secant), scaled(dw, law.secant)]);
+        let normal = law.slope.normal * m.depth + along.normal;
+        Forcing {
+            along,
+            secant,
+            stretched,
+            dw,
+            beside,
+            lateral,
+            force: sum([scaled(u, normal), scaled(m.du, law.at.normal), lateral]),
+            limit: law.limit_rate(m.depth, &along),
+        }
+    }
 
-        // b, and what is taken off f_t.
-        let d_beside = if patch.is_stretched() {
-            d_secant * frame.along_u * self.per_q + self.law.secant * (bent + dot(u, d_stretched))
-        } else {
-            zero
-        };
+    /// b/|Σ n u| with |Σ n u| held, N.
+    fn couple(&self, m: &Motion, f: &Forcing) -> Box3 {
+        let Rates { law, frame: Frame { e, per_length, .. }, .. } = self;
         // Both forces' slopes together, and what is left of A apart.
         let along_e = self.deflection
-            * ((self.law.slope.normal - self.law.secant) * d_depth + normal_gradient - d_beside)
-            - self.depth * d_secant;
-        let d_couple: Box3 = std::array::from_fn(|i| {
-            let rest = if patch.is_stretched() {
-                (self.w[i] - e[i]) * (d_secant * self.depth)
-                    + (dw[i] - d_tangential[i]) * (self.law.secant * self.depth)
-                    + self.aside[i] * (self.law.secant * self.deflection * d_depth)
-            } else {
-                zero
-            };
-            d_tangential[i] * self.straight + e[i] * along_e - rest
-        });
-        let mut taken = sum([
-            scaled(self.rates[0].sum, d_depth),
-            scaled(self.rates[1].sum, d_rho),
-            applied(&self.turning.turn, scaled(d_couple, frame.per_length)),
-        ]);
-        let own = patch.slip == SlipRule::Exact;
-        if axis.is_some() {
-            let lengthen = scaled(applied(&self.turning.turn, self.couple), stretching);
-            taken = less(taken, lengthen);
-            if !own {
-                let mixed = (0..3).fold(DMat3::ZERO, |sum, l| sum + self.turning.each[l] * g[l]);
-                taken = sum([
-                    taken,
-                    self.slopes.second(&patch.law, cell, g, view.turn),
-                    applied(&rows(mixed), self.couple),
-                ]);
-            }
+            * ((law.slope.normal - law.secant) * m.depth + f.along.normal - f.beside)
+            - self.depth * f.secant;
+        let couple: Box3 = std::array::from_fn(|i| m.tangential[i] * self.straight + e[i] * along_e);
+        if !self.patch.is_stretched() {
+            return scaled(couple, *per_length);
         }
-        let mut d_nodes: [Box3; 3] = [0, 1, 2].map(|l: usize| {
-            sum([scaled(self.rates[0].nodes[l], d_depth), scaled(self.rates[1].nodes[l], d_rho)])
+        let rest: Box3 = std::array::from_fn(|i| {
+            (self.w[i] - e[i]) * (f.secant * self.depth)
+                + (f.dw[i] - m.tangential[i]) * (law.secant * self.depth)
+                + self.stretch_rest[i] * (law.secant * self.deflection * m.depth)
         });
-        if let (Some((along, _)), Some(changes)) = (&self.turning.change, &self.turning.changes) {
+        scaled(less(couple, rest), *per_length)
+    }
+
+    /// What is taken off f_t, before P_û.
+    fn taken(&self, m: &Motion, f: &Forcing) -> Box3 {
+        let Rates { patch, view, frame: Frame { u, e, .. }, law, turning, .. } = self;
+        let (own, g) = (patch.slip == SlipRule::Exact, m.g.unwrap_or([0.0; 3]));
+        let mut taken = sum([
+            scaled(self.rates[0].sum, m.depth),
+            scaled(self.rates[1].sum, m.rho),
+            applied(&turning.turn, less(self.couple(m, f), scaled(self.couple, m.stretching))),
+        ]);
+        let mixed = |each: [DMat3; 3]| rows(each[0] * g[0] + each[1] * g[1] + each[2] * g[2]);
+        if m.g.is_some() && !own {
+            let second = self.slopes.second(&patch.law, self.cell, g, view.turn);
+            taken = sum([taken, second, applied(&mixed(turning.each), self.couple)]);
+        }
+        let mut nodes: [Box3; 3] = std::array::from_fn(|l| {
+            sum([scaled(self.rates[0].nodes[l], m.depth), scaled(self.rates[1].nodes[l], m.rho)])
+        });
+        if let (Some((along, _)), Some(changes)) = (&turning.change, &turning.changes) {
             // d(½ g δ_t·K δ_t) = ½ (ρ dg) (δr/q) e·K e + g δr e·K dδ_t.
-            let (grown, by) =
-                (d_secant * self.deflection * self.per_q * 0.5, self.law.secant * self.deflection);
-            let square = self.law.secant * self.deflection.square() * 0.5;
-            let of = |k: &[Box3; 3]| quadratic(k, e) * grown + dot(applied(k, e), d_tangential) * by;
+            let (grown, by) = (f.secant * self.deflection * self.per_q * 0.5, law.secant * self.deflection);
+            let square = law.secant * self.deflection.square() * 0.5;
+            let of = |k: &[Box3; 3]| quadratic(k, *e) * grown + dot(applied(k, *e), m.tangential) * by;
             for axis in 0..3 {
                 taken[axis] = taken[axis] + of(&along[axis]);
-                for (node, change) in d_nodes.iter_mut().zip(changes) {
+                for (node, change) in nodes.iter_mut().zip(changes) {
                     node[axis] = node[axis] + of(&rows(change[axis]));
                 }
                 if !own {
-                    let mixed = (0..3).fold(DMat3::ZERO, |sum, l| sum + changes[l][axis] * g[l]);
-                    taken[axis] = taken[axis] + quadratic(&rows(mixed), e) * square;
+                    let across = mixed([0, 1, 2].map(|l: usize| changes[l][axis]));
+                    taken[axis] = taken[axis] + quadratic(&across, *e) * square;
                 }
             }
         }
         if own {
-            return Rate { drive: flat(less(force, taken)), force, limit };
+            return taken;
         }
-        taken = less(taken, turned(self.n, view, u, &d_nodes));
+        taken = less(taken, turned(self.n, view, *u, &nodes));
         for (l, (node, share)) in view.frames.iter().zip(g).enumerate() {
             // The nodes' parts of the mix, and û, change too.
-            let part = dot(less(u, points(*node)), self.nodes[l]) * (0.5 * share)
-                + self.n[l] * dot(du, self.nodes[l]) * 0.5;
+            let part = dot(less(*u, points(*node)), self.nodes[l]) * (0.5 * share)
+                + self.n[l] * dot(m.du, self.nodes[l]) * 0.5;
             taken = less(taken, scaled(points(*node), part));
         }
-        // P_û turns with û.
-        let inside = dot(u, self.whole);
-        if axis.is_some() {
-            // All that is along û is left out: the drive's direction is at right angles to it.
-            let bare: Box3 = std::array::from_fn(|i| delta[i] - turn[i] * self.depth);
-            let bare = if patch.is_stretched() {
-                std::array::from_fn(|i| d_stretched[i] - turn[i] * along)
-            } else {
-                bare
-            };
-            let drive = std::array::from_fn(|i| {
-                self.w[i] * d_secant + bare[i] * self.law.secant - taken[i] + turn[i] * inside
-            });
-            return Rate { drive, force, limit };
-        }
-        let through = dot(u, taken) + dot(du, self.whole);
-        let reaction: Box3 = std::array::from_fn(|i| taken[i] - u[i] * through - du[i] * inside);
-        Rate { drive: less(d_lateral, reaction), force, limit }
+        taken
     }
 
     /// What slip does to the drive and the force: along t, P v's direction, v = g̃/|g̃|.

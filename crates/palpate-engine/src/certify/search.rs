@@ -96,7 +96,7 @@ pub fn least(criterion: Criterion, patch: &Patch, cells: &[Cell], effort: Effort
         let decides = matches!(criterion, Criterion::Passive | Criterion::SnapFree);
         let evaluations = match decides {
             true if found.found < -ROUNDING => effort.evaluations / 4,
-            true if *bound < -ROUNDING && -bound < 0.5 * found.found => effort.evaluations * NEARLY,
+            true if *bound < -ROUNDING && -bound < found.found => effort.evaluations * NEARLY,
             true if *bound < -ROUNDING => effort.evaluations * UNDECIDED,
             _ => effort.evaluations,
         };
