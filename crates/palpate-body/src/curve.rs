@@ -146,6 +146,16 @@ impl Curve {
         self.eval(delta)[1]
     }
 
+    /// Slope of the slope at `delta`, the right-hand one at a knot.
+    pub fn bend(&self, delta: f64) -> f64 {
+        if delta < 0.0 {
+            return 0.0;
+        }
+        let i = self.knots.iter().skip(1).take_while(|&&k| delta >= k).count();
+        let [_, _, c, d] = self.pieces()[i].coefficients;
+        2.0 * c + 6.0 * d * (delta - self.knots[i])
+    }
+
     /// Integral from 0 to `delta`: for a force the stored energy, J.
     pub fn integral(&self, delta: f64) -> f64 {
         self.eval(delta)[2]
@@ -289,6 +299,15 @@ impl Piece {
         ]
     }
 
+    /// Bernstein ordinates over [t, t + h] of the cubic and its derivatives.
+    pub fn derivatives(&self, t: f64, h: f64) -> Derivatives {
+        let [_, b, c, d] = self.coefficients;
+        let slope = |t: f64| b + t * (2.0 * c + t * (3.0 * d));
+        let bend = [t, t + h].map(|t| 2.0 * c + 6.0 * d * t);
+        let value = self.ordinates(t, h);
+        Derivatives { value, slope: [slope(t), slope(t) + 0.5 * h * bend[0], slope(t + h)], bend }
+    }
+
     /// Bernstein ordinates over [t, t + h].
     fn ordinates(&self, t: f64, h: f64) -> [f64; 4] {
         let ([y0, s0, _], [y1, s1, _]) = (self.eval(t), self.eval(t + h));
@@ -310,6 +329,14 @@ fn least_of(b: &[f64; 4]) -> f64 {
         u * u * (u * b[0] + 3.0 * t * b[1]) + t * t * (3.0 * u * b[2] + t * b[3])
     };
     [b[0], b[3], at(z / q), at(c / z)].into_iter().fold(f64::INFINITY, f64::min)
+}
+
+/// Ordinates of a cubic and of its first two derivatives.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Derivatives {
+    pub value: [f64; 4],
+    pub slope: [f64; 3],
+    pub bend: [f64; 2],
 }
 
 pub(crate) fn check_knots(knots: &[f64]) -> Result<()> {

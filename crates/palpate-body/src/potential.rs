@@ -1,6 +1,6 @@
 //! The coupled law of a body: one potential W(δz, ξ) a test point (LAW 2), and its table for the step.
 
-use crate::curve::{Curve, Extension};
+use crate::curve::{Curve, Derivatives, Extension};
 use crate::error::{BodyError, Result};
 use crate::growth::{Growth, growth};
 use crate::law::{AtDepth, Coupled, CoupledRow, Monomials, QUANTITIES, at_depth, coupled};
@@ -62,6 +62,79 @@ impl Potential {
         let slope = curves.map(|c| if depth < 0.0 { 0.0 } else { c.slope(depth) });
         coupled(&AtDepth { value, slope }, &Monomials::new(xi, range_m))
     }
+}
+
+impl Potential {
+    /// The eigenvalues of K at a depth, N/m, the smaller first.
+    pub fn principal_stiffness(&self, depth: f64) -> [f64; 2] {
+        eigenvalues(self.stiffness.each_ref().map(|k| k.value(depth)))
+    }
+
+    /// No stiffness in stick, in any direction of the tool's motion, is greater than this from depth 0 up to each knot, while
+    /// |ξ| stays within the range: a bound on the greatest eigenvalue of W's Hessian in (δz, ξ), N/m.
+    pub fn stiffness_bounds(&self, range_m: f64) -> Vec<f64> {
+        let knots = self.press.knots();
+        let pieces = self.curves().map(Curve::pieces);
+        // Of [`PARTS`] parts of each interval, from left to right; the last, of no width, is the last knot from its right.
+        let bound = |interval: usize, t: f64, h: f64| {
+            hessian_bound(&pieces.each_ref().map(|p| p[interval].derivatives(t, h)), range_m)
+        };
+        let mut so_far = f64::NEG_INFINITY;
+        let mut bounds: Vec<f64> = Vec::with_capacity(knots.len());
+        for (i, k) in knots.windows(2).enumerate() {
+            // The second derivative may jump at the knot.
+            bounds.push(so_far.max(bound(i, 0.0, 0.0)));
+            let h = (k[1] - k[0]) / f64::from(PARTS);
+            so_far = (0..PARTS).map(|part| bound(i, h * f64::from(part), h)).fold(so_far, f64::max);
+        }
+        bounds.push(so_far.max(bound(knots.len() - 1, 0.0, 0.0)));
+        bounds
+    }
+}
+
+/// Parts of an interval that are bounded each for itself.
+const PARTS: u32 = 8;
+
+/// Of a symmetric matrix [11, 12, 22], the smaller first.
+fn eigenvalues([a, b, c]: [f64; 3]) -> [f64; 2] {
+    let (mean, off) = (0.5 * (a + c), (0.5 * (a - c)).hypot(b));
+    [mean - off, mean + off]
+}
+
+/// The greatest eigenvalue of W's Hessian while |ξ| ≤ r, for quantities whose value and first two derivatives lie in the hulls of
+/// these ordinates.
+fn hessian_bound(quantities: &[Derivatives; QUANTITIES], r: f64) -> f64 {
+    let [f, b1, b2, k1, k2, k3, c1, c2, c3, c4, q, _] = quantities;
+    // What is convex in the ordinates is greatest at one of them.
+    let most = |of: fn(&Derivatives) -> &[f64], size: &dyn Fn(&dyn Fn(&Derivatives) -> f64) -> f64| {
+        (0..of(f).len()).map(|i| size(&|d| of(d)[i])).fold(f64::NEG_INFINITY, f64::max)
+    };
+    type At<'a> = &'a dyn Fn(&Derivatives) -> f64;
+    let press = |at: At| at(f);
+    let offset = |at: At| at(b1).hypot(at(b2));
+    let stiffness = |at: At| eigenvalues([at(k1), at(k2), at(k3)])[1];
+    let turned = |at: At| eigenvalues([at(k1), at(k2), at(k3)]).map(f64::abs).into_iter().fold(0.0, f64::max);
+    // Of the symmetric tensor of third order, whose mixed components are C/3, three times each.
+    let cubic = |at: At| (at(c1).powi(2) + (at(c2).powi(2) + at(c3).powi(2)) / 3.0 + at(c4).powi(2)).sqrt();
+    let quartic = |at: At| at(q).abs();
+    let growing = |at: At| at(q).max(0.0);
+    let (value, slope, bend): (
+        fn(&Derivatives) -> &[f64],
+        fn(&Derivatives) -> &[f64],
+        fn(&Derivatives) -> &[f64],
+    ) = (|d| &d.value, |d| &d.slope, |d| &d.bend);
+    let (r2, r3, r4) = (r * r, r * r * r, r * r * r * r);
+    let normal = most(bend, &press)
+        + most(bend, &offset) * r
+        + 0.5 * most(bend, &turned) * r2
+        + most(bend, &cubic) * r3
+        + most(bend, &quartic) * r4;
+    let across = most(slope, &offset)
+        + most(slope, &turned) * r
+        + 3.0 * most(slope, &cubic) * r2
+        + 4.0 * most(slope, &quartic) * r3;
+    let lateral = most(value, &stiffness) + 6.0 * most(value, &cubic) * r + 12.0 * most(value, &growing) * r2;
+    eigenvalues([normal, across, lateral])[1]
 }
 
 /// How a check of a potential went: what is wrong, and how to mend it.

@@ -3,7 +3,9 @@
 use crate::plot::{Line, LineChart};
 use crate::validate::{median, percentile};
 use palpate_body::tensor::Principal;
-use palpate_body::{Body, Curve, NO_TWIN, PointErrors, Provenance, Response, SlipRule};
+use palpate_body::{
+    Body, CoupledLaw, Curve, NO_TWIN, PointErrors, Potential, Provenance, Response, SlipRule,
+};
 use serde::Serialize;
 
 /// What `palpate inspect --json` prints.
@@ -19,6 +21,10 @@ pub struct Inspection {
     pub border_edges: usize,
     /// Test points.
     pub test_points: usize,
+    /// `decoupled`, curves of normal and lateral force, or `coupled`, one potential of both.
+    pub law: &'static str,
+    /// Of a coupled law, over test points and depths.
+    pub coupled: Option<CoupledRanges>,
     /// Slip rule.
     pub slip: SlipRule,
     /// Whether the lateral response depends on the direction.
@@ -117,13 +123,82 @@ pub struct Ranges {
 }
 
 /// K_max at a depth (MODEL 5): the greatest slope of any response up to there, f_z' or f_r'. Mixtures of responses
-/// stay below it, and so does f_r/δr.
+/// stay below it, and so does f_r/δr. Of a coupled law a bound on the greatest eigenvalue of W's Hessian, within the lateral
+/// range.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct StiffnessAt {
     /// δz, m.
     pub depth_m: f64,
     /// N/m.
     pub value: f64,
+}
+
+/// Least and greatest of a coupled law's quantities over the test points and the depth knots.
+#[derive(Debug, Clone, Serialize)]
+pub struct CoupledRanges {
+    /// The lateral deflection up to which the potentials were found, m.
+    pub lateral_range_m: f64,
+    /// Eigenvalues of K, N/m.
+    pub stiffness_n_per_m: [f64; 2],
+    /// |b|, N: the lateral force of a press straight in.
+    pub offset_n: [f64; 2],
+    /// The length of C's coefficients, N/m².
+    pub cubic_n_per_m2: [f64; 2],
+    /// Q, N/m³.
+    pub quartic_n_per_m3: [f64; 2],
+}
+
+fn coupled_ranges(law: &CoupledLaw) -> CoupledRanges {
+    let range = |values: &dyn Fn(&Potential, f64) -> [f64; 2]| {
+        let of = |p| depth_knots(p).iter().map(move |&d| (p, d));
+        let all = law.potentials.iter().flat_map(of).map(|(p, d)| values(p, d));
+        all.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], [a, b]| [low.min(a), high.max(b)])
+    };
+    let length = |curves: &[Curve], d| curves.iter().map(|c: &Curve| c.value(d).powi(2)).sum::<f64>().sqrt();
+    CoupledRanges {
+        lateral_range_m: law.range_m,
+        stiffness_n_per_m: range(&|p, d| p.principal_stiffness(d)),
+        offset_n: range(&|p, d| [length(&p.offset, d); 2]),
+        cubic_n_per_m2: range(&|p, d| [length(&p.cubic, d); 2]),
+        quartic_n_per_m3: range(&|p, d| [p.quartic.value(d); 2]),
+    }
+}
+
+fn depth_knots(potential: &Potential) -> &[f64] {
+    potential.press.knots()
+}
+
+/// Directions in which a lateral force is looked at.
+const DIRECTIONS: u32 = 24;
+
+/// The least and the greatest lateral force, over the directions, of a potential deflected as far as its range.
+fn lateral_forces(potential: &Potential, range_m: f64, depth: f64) -> [f64; 2] {
+    let force = |i: u32| {
+        let angle = f64::from(i) * (std::f64::consts::TAU / f64::from(DIRECTIONS));
+        let xi = [range_m * libm::cos(angle), range_m * libm::sin(angle)];
+        let [x, y] = potential.at(depth, xi, range_m).lateral;
+        x.hypot(y)
+    };
+    (0..DIRECTIONS).map(force).fold([f64::INFINITY, 0.0], |[low, high], f| [low.min(f), high.max(f)])
+}
+
+/// What [`Ranges`] are of a coupled law: forces of a press straight in; lateral ones at the range; stiffness at depth 0.
+fn coupled_force_ranges(law: &CoupledLaw) -> Ranges {
+    let range = |values: &dyn Fn(&Potential, f64) -> [f64; 2]| {
+        let all =
+            law.potentials.iter().map(|p| values(p, depth_knots(p).last().copied().unwrap_or_default()));
+        all.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], [a, b]| [low.min(a), high.max(b)])
+    };
+    Ranges {
+        largest_normal_force_n: range(&|p, end| [p.press.slope(end); 2]),
+        largest_lateral_force_n: range(&|p, end| lateral_forces(p, law.range_m, end)),
+        stiffness_at_full_depth_n_per_m: range(&|p, end| [p.press.bend(end); 2]),
+        lateral_stiffness_n_per_m: range(&|p, _| p.principal_stiffness(0.0)),
+        friction: range(&|p, _| {
+            let values = p.friction.knots().iter().map(|k| p.friction.value(*k));
+            values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
+        }),
+    }
 }
 
 /// Looks through a body.
@@ -151,11 +226,14 @@ pub fn inspect(body: &Body) -> Inspection {
         vertices: body.vertex_count(),
         triangles: body.elements().len(),
         border_edges: body.elements().iter().flat_map(|e| e.twins).filter(|t| *t == NO_TWIN).count(),
-        test_points: body.curves().len(),
+        test_points: body.test_point_nodes().len(),
+        law: if body.is_coupled() { "coupled" } else { "decoupled" },
+        coupled: body.coupled_law().map(coupled_ranges),
         slip: body.slip(),
-        anisotropic: !body.is_isotropic(),
+        anisotropic: !body.is_isotropic() || body.is_coupled(),
         lateral_ratio: principals(body)
             .map(|p| p.ratio())
+            .chain(body.coupled_law().into_iter().flat_map(|law| &law.potentials).flat_map(ratios))
             .fold(None, |range: Option<[f64; 2]>, r| {
                 Some(range.map_or([r; 2], |[low, high]| [low.min(r), high.max(r)]))
             })
@@ -164,7 +242,7 @@ pub fn inspect(body: &Body) -> Inspection {
         bounding_box_m,
         depth_knots_m: body.responses().depth_knots().values().to_vec(),
         lateral_knots_m: body.responses().lateral_knots().values().to_vec(),
-        ranges: Ranges {
+        ranges: body.coupled_law().map(coupled_force_ranges).unwrap_or_else(|| Ranges {
             largest_normal_force_n: one(|r, depth, _| r.normal.value(depth)),
             largest_lateral_force_n: one(|r, _, lateral| r.lateral.value(lateral)),
             stiffness_at_full_depth_n_per_m: one(|r, depth, _| r.normal.slope(depth)),
@@ -173,11 +251,19 @@ pub fn inspect(body: &Body) -> Inspection {
                 let values = r.friction.knots().iter().map(|k| r.friction.value(*k));
                 values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
             }),
-        },
+        }),
         stiffness_max_n_per_m: stiffness_max(body),
         fit_errors: fit_errors(&body.provenance().point_errors),
         provenance: body.provenance().clone(),
     }
+}
+
+/// Stiffest to softest direction of a potential's K, at each depth knot.
+fn ratios(potential: &Potential) -> impl Iterator<Item = f64> + '_ {
+    depth_knots(potential).iter().map(|&d| {
+        let [low, high] = potential.principal_stiffness(d);
+        high / low
+    })
 }
 
 /// How each node's tensor acts sideways; none of an isotropic body's.
@@ -189,7 +275,7 @@ pub fn principals(body: &Body) -> impl Iterator<Item = Principal> + '_ {
 /// The greatest stiffnesses met so far.
 #[derive(Debug, Default)]
 pub struct Stiffest {
-    /// Of the normal curves up to each depth knot, N/m.
+    /// Of the normal curves up to each depth knot, N/m; of a coupled law in all directions.
     normal: Vec<f64>,
     /// Of the lateral curves, N/m.
     lateral: f64,
@@ -201,6 +287,9 @@ impl Stiffest {
     fn of(body: &Body) -> Self {
         let mut stiffest = Stiffest::default();
         body.curves().iter().for_each(|r| stiffest.meet(r));
+        if let Some(law) = body.coupled_law() {
+            law.potentials.iter().for_each(|p| stiffest.meet_coupled(p, law.range_m));
+        }
         principals(body).for_each(|p| stiffest.turn(&p));
         stiffest
     }
@@ -211,6 +300,13 @@ impl Stiffest {
         self.normal.resize(slopes.len(), 0.0);
         self.normal.iter_mut().zip(slopes).for_each(|(most, slope)| *most = most.max(slope));
         self.lateral = greatest_slopes(&response.lateral).into_iter().fold(self.lateral, f64::max);
+    }
+
+    /// Adds a test point of a coupled law: bounds in all directions of the tool's motion at once.
+    pub fn meet_coupled(&mut self, potential: &Potential, range_m: f64) {
+        let bounds = potential.stiffness_bounds(range_m);
+        self.normal.resize(bounds.len(), 0.0);
+        self.normal.iter_mut().zip(bounds).for_each(|(most, bound)| *most = most.max(bound));
     }
 
     /// Adds a node's directions. A mix of tensors has no eigenvalue above all of theirs.
@@ -229,7 +325,7 @@ impl Stiffest {
     }
 }
 
-/// The greatest lateral stiffness in stick, N/m.
+/// The greatest lateral stiffness in stick, N/m; 0 with a coupled law, which has none apart from the depth.
 pub fn stiffness_aside(body: &Body) -> f64 {
     Stiffest::of(body).aside()
 }
@@ -262,17 +358,119 @@ fn greatest_slopes(curve: &Curve) -> Vec<f64> {
 /// Lines in a picture that can still be told apart.
 const LINES: usize = 12;
 
-/// Charts of the normal, lateral and friction curves of up to twelve test points, spread over the stiffness range,
-/// each with a name for its file.
-pub fn charts(body: &Body) -> [(&'static str, LineChart); 3] {
+/// Charts of up to twelve test points, spread over the stiffness range, each with a name for its file: of the normal, lateral and
+/// friction curves, or of what a coupled law says.
+pub fn charts(body: &Body) -> Vec<(&'static str, Vec<LineChart>)> {
+    match body.coupled_law() {
+        Some(law) => coupled_charts(body, law).into(),
+        None => decoupled_charts(body).map(|(name, chart)| (name, vec![chart])).into(),
+    }
+}
+
+/// `count` of the numbers below `all`, in even steps from the first to the last.
+fn spread(all: usize, count: usize) -> impl Iterator<Item = usize> {
+    let (count, last) = (count.min(all), all.saturating_sub(1));
+    (0..count).map(move |i| i * last / count.saturating_sub(1).max(1))
+}
+
+/// Lines from points of a depth, which is drawn in mm.
+fn over_depth(end: f64, name: String, value: impl Fn(f64) -> f64) -> Line {
+    let points = (0..=200).map(|i| end * f64::from(i) / 200.0).map(|d| (d * 1e3, value(d)));
+    Line { name, points: points.collect() }
+}
+
+fn coupled_charts(body: &Body, law: &CoupledLaw) -> [(&'static str, Vec<LineChart>); 3] {
+    let end = body.responses().depth_knots().values().last().copied().unwrap_or_default();
+    let mut order: Vec<usize> = (0..law.potentials.len()).collect();
+    let force = |t: usize| law.potentials[t].press.slope(end);
+    order.sort_by(|&a, &b| force(b).total_cmp(&force(a)));
+    let shown: Vec<usize> = spread(order.len(), LINES).map(|i| order[i]).collect();
+    let name = |t: usize| {
+        let at = body.test_point_nodes().get(t).and_then(|&n| body.nodes().get(n as usize));
+        let [x, y, z] = at.map_or([0.0; 3], |node| (node.position * 1e3).to_array());
+        format!("{t} at ({x:.1}, {y:.1}, {z:.1}) mm")
+    };
+    let of = format!("{} of {} test points", shown.len(), law.potentials.len());
+    let depth = "normal deflection (mm)";
+    let chart = |what: &str, y: &str, from_zero: bool, values: &dyn Fn(&Potential, f64) -> f64| LineChart {
+        title: format!("{what}: {of}"),
+        x_label: depth.into(),
+        y_label: y.into(),
+        lines: shown.iter().map(|&t| over_depth(end, name(t), |d| values(&law.potentials[t], d))).collect(),
+        from_zero,
+    };
+    // A test point in the middle of the range, in some directions at some depths.
+    let along = |&t: &usize| {
+        let potential = &law.potentials[t];
+        let lines = [0.25, 0.5, 1.0].into_iter().flat_map(|part| (0..4).map(move |i| (part * end, i)));
+        let lines = lines.map(|(d, i)| {
+            let angle = f64::from(i) * std::f64::consts::FRAC_PI_4;
+            let (c, s) = (libm::cos(angle), libm::sin(angle));
+            let points = (-60..=60).map(|k| 1.25 * law.range_m * f64::from(k) / 60.0);
+            let points = points.map(|r| {
+                let [x, y] = potential.at(d, [r * c, r * s], law.range_m).lateral;
+                (r * 1e3, x * c + y * s)
+            });
+            Line { name: format!("{:.1} mm deep, {}°", d * 1e3, 45 * i), points: points.collect() }
+        });
+        LineChart {
+            title: format!(
+                "Lateral force along rays (found up to {:.2} mm): test point {}",
+                law.range_m * 1e3,
+                name(t)
+            ),
+            x_label: "lateral deflection along the ray (mm)".into(),
+            y_label: "lateral force along it (N)".into(),
+            lines: lines.collect(),
+            from_zero: false,
+        }
+    };
+    let middle = shown.get(shown.len() / 2).map(along);
+    [
+        (
+            "normal.png",
+            vec![
+                chart("Normal force of a press straight in", "normal force (N)", true, &|p, d| {
+                    p.press.slope(d)
+                }),
+                chart("Friction", "friction coefficient", true, &|p, d| p.friction.value(d)),
+            ],
+        ),
+        (
+            "stiffness.png",
+            vec![
+                chart("Lateral stiffness, softest direction", "stiffness (N/m)", true, &|p, d| {
+                    p.principal_stiffness(d)[0]
+                }),
+                chart("Lateral stiffness, stiffest direction", "stiffness (N/m)", true, &|p, d| {
+                    p.principal_stiffness(d)[1]
+                }),
+            ],
+        ),
+        (
+            "lateral.png",
+            [
+                Some(chart(
+                    "Lateral force of a press straight in, |b|",
+                    "lateral force (N)",
+                    true,
+                    &|p, d| p.offset[0].value(d).hypot(p.offset[1].value(d)),
+                )),
+                middle,
+            ]
+            .into_iter()
+            .flatten()
+            .collect(),
+        ),
+    ]
+}
+
+fn decoupled_charts(body: &Body) -> [(&'static str, LineChart); 3] {
     let reach = |c: &Curve| c.knots().last().copied().unwrap_or_default();
     let mut order: Vec<usize> = (0..body.curves().len()).collect();
     let force = |t: &usize| body.curves().get(*t).map_or(0.0, |r| r.normal.value(reach(&r.normal)));
     order.sort_by(|a, b| force(b).total_cmp(&force(a)));
-    let last = order.len().saturating_sub(1);
-    let count = order.len().min(LINES);
-    let shown = (0..count).filter_map(|i| order.get(i * last / count.saturating_sub(1).max(1)));
-    let shown: Vec<usize> = shown.copied().collect();
+    let shown: Vec<usize> = spread(order.len(), LINES).filter_map(|i| order.get(i).copied()).collect();
     let chart = |title: &str, x_label: &str, y_label: &str, curve: fn(&Response) -> &Curve| {
         let all_alike = body.curves().windows(2).all(|r| curve(&r[0]) == curve(&r[1]));
         let shown = if all_alike { shown.get(..1).unwrap_or_default() } else { &shown };

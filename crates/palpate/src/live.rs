@@ -363,6 +363,8 @@ fn prepare(body: &Arc<dyn BodySource>, hold: Hold, plan: &Plan, record: Option<&
 fn stiffest(body: &dyn BodySource) -> palpate_body::Result<f64> {
     let mut stiffest = Stiffest::default();
     body.each_response(&mut |r| stiffest.meet(r))?;
+    let range_m = body.outline().potentials().range_m();
+    body.each_potential(&mut |p| stiffest.meet_coupled(p, range_m))?;
     body.each_tensor(&mut |a, u| stiffest.turn(&Principal::of(a, u)))?;
     Ok(stiffest.anywhere())
 }

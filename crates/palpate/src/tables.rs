@@ -1,7 +1,8 @@
 //! A body as CSV tables, and the numbers of a node that tables and pictures show.
 
 use anyhow::Result;
-use palpate_body::{Body, Curve, Response};
+use palpate_body::potential::QUANTITY_NAMES;
+use palpate_body::{Body, CoupledLaw, Curve, Potential, Response};
 use palpate_runtime::Record;
 use std::io::Write;
 
@@ -54,9 +55,26 @@ impl Figures {
         }
     }
 
+    /// Of a press straight in; the lateral stiffness is the mean over the directions 1 mm deep, since that at depth 0 is no
+    /// place's that is touched.
+    fn of_potential(potential: &Potential) -> Self {
+        let Potential { press, stiffness: [k11, _, k22], friction, .. } = potential;
+        let end = press.knots().last().copied().unwrap_or_default();
+        Figures {
+            stiffness_at_1_mm_n_per_m: press.bend(1e-3),
+            stiffness_at_full_depth_n_per_m: press.bend(end),
+            largest_normal_force_n: press.slope(end),
+            lateral_stiffness_n_per_m: 0.5 * (k11.value(1e-3) + k22.value(1e-3)),
+            friction: friction.value(0.0),
+        }
+    }
+
     /// Those of every node: like curves, they mix linearly.
     pub fn of_nodes(body: &Body) -> Vec<Self> {
-        let of_points: Vec<[f64; 5]> = body.curves().iter().map(|r| Figures::of(r).values()).collect();
+        let responses = body.curves().iter().map(Figures::of);
+        let potentials = body.coupled_law().into_iter().flat_map(|law| &law.potentials);
+        let figures = responses.chain(potentials.map(Figures::of_potential));
+        let of_points: Vec<[f64; 5]> = figures.map(|f| f.values()).collect();
         let mix = |node: &palpate_body::Node| {
             let mut sum = [0.0; 5];
             for (point, weight) in node.test_points.iter().zip(node.weights) {
@@ -138,6 +156,40 @@ pub fn write_curves(body: &Body, out: &mut dyn Write) -> Result<()> {
                 let (value, slope) = (curve.value(d), curve.slope(d));
                 writeln!(out, "{t},{x:?},{y:?},{z:?},{component},{d:?},{value:?},{slope:?}")?;
             }
+        }
+    }
+    Ok(())
+}
+
+/// The test points' potentials: a row for each depth with F (J), b (N), K (N/m), C (N/m²), Q (N/m³), μ and their slopes
+/// per metre, and the tangents t₁ and t₂ of the test point.
+///
+/// # Errors
+/// `out` can't be written.
+pub fn write_potentials(body: &Body, law: &CoupledLaw, out: &mut dyn Write) -> Result<()> {
+    write!(out, "point,node,x_m,y_m,z_m,t1_x,t1_y,t1_z,t2_x,t2_y,t2_z,depth_m")?;
+    let units =
+        ["j", "n", "n", "n_per_m", "n_per_m", "n_per_m", "n_per_m2", "n_per_m2", "n_per_m2", "n_per_m2"];
+    let units = units.into_iter().chain(["n_per_m3", ""]);
+    for (name, unit) in QUANTITY_NAMES.iter().zip(units) {
+        write!(out, ",{name}{}{unit}", if unit.is_empty() { "" } else { "_" })?;
+    }
+    for name in QUANTITY_NAMES {
+        write!(out, ",{name}_slope")?;
+    }
+    writeln!(out)?;
+    for (t, (potential, &n)) in law.potentials.iter().zip(body.test_point_nodes()).enumerate() {
+        let Some(node) = body.nodes().get(n as usize) else { continue };
+        let curves = potential.curves();
+        for d in deflections(&potential.press) {
+            write!(out, "{t},{n}")?;
+            let vectors = [node.position, potential.tangents[0], potential.tangents[1]];
+            let numbers = vectors.into_iter().flat_map(|v| v.to_array()).chain([d]);
+            let quantities = curves.iter().map(|c| c.value(d)).chain(curves.iter().map(|c| c.slope(d)));
+            for x in numbers.chain(quantities) {
+                write!(out, ",{x:?}")?;
+            }
+            writeln!(out)?;
         }
     }
     Ok(())

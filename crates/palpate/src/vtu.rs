@@ -3,8 +3,8 @@
 use crate::inspect::principals;
 use crate::tables::Figures;
 use anyhow::Result;
-use palpate_body::Body;
 use palpate_body::tensor::Principal;
+use palpate_body::{Body, Node, Potential};
 use std::io::Write;
 
 /// Puts an array's bytes out.
@@ -58,6 +58,24 @@ pub fn write(body: &Body, elements_hold: &[(&'static str, Vec<f64>)], out: &mut 
         point_data.push(doubles("lateral_axis", 3, nodes.len(), move |i| {
             principals[i].axes[0].to_array().to_vec()
         }));
+    }
+    let mixed = |potentials: &[Potential], i: usize, at: fn(&Potential) -> f64| {
+        let node: &Node = &nodes[i];
+        let parts = node.test_points.iter().zip(node.weights);
+        // Eigenvalues of a mix in one frame lie within the mixes of theirs.
+        parts.filter_map(|(&t, w)| Some(w * at(potentials.get(t as usize)?))).sum::<f64>()
+    };
+    if let Some(law) = body.coupled_law() {
+        let fields: [(&'static str, fn(&Potential) -> f64); 4] = [
+            ("k_least_at_1_mm_n_per_m", |p| p.principal_stiffness(1e-3)[0]),
+            ("k_greatest_at_1_mm_n_per_m", |p| p.principal_stiffness(1e-3)[1]),
+            ("k_least_at_full_depth_n_per_m", |p| p.principal_stiffness(f64::MAX)[0]),
+            ("k_greatest_at_full_depth_n_per_m", |p| p.principal_stiffness(f64::MAX)[1]),
+        ];
+        for (name, at) in fields {
+            let row = move |i| vec![mixed(&law.potentials, i, at)];
+            point_data.push(doubles(name, 1, nodes.len(), row));
+        }
     }
     let points = [doubles("position_m", 3, nodes.len(), move |i| nodes[i].position.to_array().to_vec())];
     let cells = [

@@ -97,6 +97,10 @@ pub fn limits(body: &Body, device: Device, lipschitz: Option<f64>, pace: Option<
         if crate::inspect::stiffness_aside(body) > stiffness {
             return 0.0;
         }
+        if body.is_coupled() {
+            let table = crate::inspect::stiffness_max(body);
+            return table.iter().take_while(|at| at.value <= stiffness).last().map_or(0.0, |at| at.depth_m);
+        }
         let depth = |curve: &Curve| depth_of_slope(curve, stiffness);
         body.curves().iter().map(|r| depth(&r.normal)).fold(end, f64::min)
     });
@@ -106,7 +110,8 @@ pub fn limits(body: &Body, device: Device, lipschitz: Option<f64>, pace: Option<
         device,
         stiffness_limit_n_per_m: stiffness,
         depth_limit_m: depth,
-        force_limit_n: depth.map(force),
+        // A coupled law's normal force depends on the lateral deflection, too.
+        force_limit_n: depth.filter(|_| !body.is_coupled()).map(force),
         whole_depth: depth == Some(end),
         contact_way_ratio: pace,
     }

@@ -96,6 +96,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut body = Body::open(&args.body)?;
     let rule = args.slip.map_or(body.slip(), super::Slip::rule);
     args.check_rule(rule)?;
+    if body.is_coupled() {
+        return Err(anyhow::anyhow!(
+            "{}: its law is a coupled potential, of which certificates are not proved yet; `palpate inspect` gives its \
+             stiffness, and a trace's ledger what slip gives out along a path",
+            args.body.display()
+        )
+        .into());
+    }
     let evaluations = args.evaluations.unwrap_or_else(|| crate::certify::evaluations(rule));
     let assumptions = Assumptions {
         slip: rule,

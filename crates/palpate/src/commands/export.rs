@@ -12,7 +12,8 @@ use std::path::{Path, PathBuf};
 /// --vtu gives an unstructured grid with, at each node, inward_normal, stiffness 1 mm deep and at full depth and
 /// lateral stiffness (N/m), the largest normal force (N), friction at depth 0, and the test points it mixes with
 /// their weights. --csv gives nodes.csv, elements.csv and curves.csv; the last one holds the curves as samples, which
-/// `palpate fit` reads.
+/// `palpate fit` reads. Of a body with a coupled law it is potentials.csv in its place, and the grid has the eigenvalues of K
+/// 1 mm deep and at full depth.
 ///
 /// A recording of `palpate run` goes with --csv alone, which gives recording.json (what it is of) and periods.csv (all
 /// that the loop saw and did, a row a period).
@@ -41,11 +42,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if live::is_recording(&args.body)? {
         return recording(args);
     }
+    let body = Body::open(&args.body)?;
     let in_folder = |name: &str| args.csv.as_ref().map(|folder| folder.join(name));
-    let tables = ["nodes.csv", "elements.csv", "curves.csv"].map(in_folder);
+    let law = if body.is_coupled() { "potentials.csv" } else { "curves.csv" };
+    let tables = ["nodes.csv", "elements.csv", law].map(in_folder);
     let outputs: Vec<_> = args.vtu.iter().chain(tables.iter().flatten()).collect();
     files::refuse_overwrite(&outputs, &[&args.body])?;
-    let body = Body::open(&args.body)?;
     if let Some(path) = &args.vtu {
         files::replace(path, |out| vtu::write(&body, &[], out))?;
         console::note(&format!("wrote {}", path.display()));
@@ -54,8 +56,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         files::make_folder(folder)?;
         files::replace(nodes, |out| tables::write_nodes(&body, out))?;
         files::replace(elements, |out| tables::write_elements(&body, out))?;
-        files::replace(curves, |out| tables::write_curves(&body, out))?;
-        console::note(&format!("wrote nodes.csv, elements.csv and curves.csv into {}", folder.display()));
+        files::replace(curves, |out| match body.coupled_law() {
+            Some(law) => tables::write_potentials(&body, law, out),
+            None => tables::write_curves(&body, out),
+        })?;
+        console::note(&format!("wrote nodes.csv, elements.csv and {law} into {}", folder.display()));
     }
     Ok(())
 }

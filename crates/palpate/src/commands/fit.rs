@@ -139,7 +139,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     for note in &notes {
         console::note(note);
     }
-    let (nodes, triangles, test_points) = (body.nodes().len(), body.elements().len(), body.curves().len());
+    let (nodes, triangles, test_points) =
+        (body.nodes().len(), body.elements().len(), body.test_point_nodes().len());
     if args.json {
         console::json(&Report { nodes, triangles, test_points, notes, fit: fitted })?;
         return Ok(());

@@ -19,7 +19,8 @@ pub struct Args {
     /// Print JSON
     #[arg(long)]
     json: bool,
-    /// Draw the curves of up to 12 test points into this folder: normal.png, lateral.png, friction.png
+    /// Draw the curves of up to 12 test points into this folder: normal.png, lateral.png and friction.png, or stiffness.png of
+    /// a coupled law
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
 }
@@ -31,12 +32,13 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let body = Body::open(&args.body)?;
     if let Some(folder) = &args.plots {
-        let charts = charts(&body).map(|(name, chart)| (folder.join(name), chart));
+        let charts: Vec<_> =
+            charts(&body).into_iter().map(|(name, charts)| (folder.join(name), charts)).collect();
         let outputs: Vec<_> = charts.iter().map(|(path, _)| path).collect();
         files::refuse_overwrite(&outputs, &[&args.body])?;
         files::make_folder(folder)?;
-        for (path, chart) in charts {
-            plot::save(&path, &[chart])?;
+        for (path, charts) in charts {
+            plot::save(&path, &charts)?;
         }
     }
     let inspection = inspect(&body);
@@ -72,6 +74,7 @@ fn text(i: &Inspection) -> String {
         ("y", side(1)),
         ("z", side(2)),
         ("test points", i.test_points.to_string()),
+        ("law", i.law.to_owned()),
         ("depth knots", reach(&i.depth_knots_m)),
         ("lateral knots", reach(&i.lateral_knots_m)),
         ("normal force at the last knot", between(ranges.largest_normal_force_n, " N")),
@@ -85,6 +88,16 @@ fn text(i: &Inspection) -> String {
         ("made by", i.provenance.software.clone()),
         ("with", i.provenance.command.clone()),
     ];
+    let coupled = i.coupled.iter().flat_map(|c| {
+        [
+            ("lateral range", format!("{:.3} mm", c.lateral_range_m * 1e3)),
+            ("K, its eigenvalues", between(c.stiffness_n_per_m, " N/m")),
+            ("|b|", between(c.offset_n, " N")),
+            ("|C|", between(c.cubic_n_per_m2, " N/m²")),
+            ("Q", between(c.quartic_n_per_m3, " N/m³")),
+        ]
+    });
+    let rows: Vec<_> = rows.into_iter().chain(coupled).collect();
     let width = rows.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
     let mut out: String = rows.iter().map(|(name, value)| format!("{name:<width$}  {value}\n")).collect();
     for (file, digest) in &i.provenance.inputs {

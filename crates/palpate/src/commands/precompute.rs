@@ -119,7 +119,7 @@ pub(super) fn tell(output: &Path, record: &Path, assembled: &assemble::Assembled
         output.display(),
         body.nodes().len(),
         body.elements().len(),
-        body.curves().len(),
+        body.test_point_nodes().len(),
         record.display()
     ));
     if !assembled.stops.is_empty() {

@@ -166,7 +166,7 @@ impl Report {
         Report {
             nodes: body.nodes().len(),
             triangles: body.elements().len(),
-            test_points: body.curves().len(),
+            test_points: body.test_point_nodes().len(),
             paths,
             states,
             newton_steps,
