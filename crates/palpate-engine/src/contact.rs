@@ -578,8 +578,13 @@ impl Contact {
         site.move_to(at.element);
         step.budget.evaluate();
         *field = site.evaluate(at.n, step.tip);
+        let drive = if self.tank && field.energy > self.allowed() {
+            self.hold_back::<L, R>(site, held, at, field, step)
+        } else {
+            R::drive(site, at.n, field)
+        };
         self.energy.slip(field.energy);
-        (End::Fenced, R::drive(site, at.n, field))
+        (End::Fenced, drive)
     }
 
     /// Stage 4: no depth, or over the border. The contact has ended; or, if it is `new` in this step, it comes to nothing

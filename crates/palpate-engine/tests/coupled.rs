@@ -107,7 +107,7 @@ proptest! {
         let body = body(&mut chance, kind, mu);
         let rule = [SlipRule::Paper, SlipRule::Consistent][rule];
         let (p, inward) = place(&body, &mut chance);
-        let mut contact = Contact::with_slip(&body, rule, Ablation::None);
+        let mut contact = Contact::with_slip(&body, rule, Ablation::None).with_tank(false);
         let side = inward.cross(chance.direction()).normalize();
         let mut path = vec![];
         for i in 0..=400 { path.push(p + inward * (-3e-4 + 1e-5 * f64::from(i))); }

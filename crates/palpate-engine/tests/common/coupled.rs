@@ -23,16 +23,18 @@ pub fn coupled(mesh: &TriangleMesh, chance: &mut Chance, spread: f64, friction: 
         1.0,
         chance.range(-0.3, 0.3),
         chance.range(0.7, 1.5),
-        chance.range(-2e4, 2e4),
-        chance.range(-2e4, 2e4),
-        chance.range(-2e4, 2e4),
-        chance.range(-2e4, 2e4),
+        chance.range(-4e3, 4e3),
+        chance.range(-4e3, 4e3),
+        chance.range(-4e3, 4e3),
+        chance.range(-4e3, 4e3),
         chance.range(0.5e7, 2e7),
         friction,
     ];
     let knots = [0.0, 5e-4, 2e-3, 5e-3, 8e-3];
     let potential = |(p, u): (&DVec3, &DVec3)| {
-        let wave = |i: usize| 1.0 + spread * libm::sin(p.dot(waves[i]));
+        let common = 1.0 + spread * libm::sin(p.dot(waves[0]));
+        // Stiffer here than there as a whole, and a little in each term.
+        let wave = |i: usize| common * if i == 0 { 1.0 } else { 1.0 + 0.2 * libm::sin(p.dot(waves[i])) };
         // From a share of itself at no depth to its full size, both ends level.
         let ramp = |i: usize, start: f64, unit: f64| {
             let full = size[i] * wave(i) * unit;
@@ -53,7 +55,7 @@ pub fn coupled(mesh: &TriangleMesh, chance: &mut Chance, spread: f64, friction: 
             quartic: ramp(10, 0.5, 1.0),
             friction: Curve::hermite(
                 &knots,
-                &[friction; 5].map(|f| f * wave(11)),
+                &[friction; 5].map(|f| f * (1.0 + spread * libm::sin(p.dot(waves[11])))),
                 &[0.0; 5],
                 Extension::Constant,
             )
@@ -80,6 +82,8 @@ pub fn coupled(mesh: &TriangleMesh, chance: &mut Chance, spread: f64, friction: 
 /// mix three to nine.
 pub fn sparse(body: &Body, every: usize) -> Body {
     let mut parts = body.parts();
+    // Three at least.
+    let every = every.min(parts.test_point_nodes.len() / 3).max(1);
     let kept: Vec<usize> = (0..parts.test_point_nodes.len()).step_by(every).collect();
     let at: Vec<DVec3> =
         kept.iter().map(|&t| body.nodes()[parts.test_point_nodes[t] as usize].position).collect();
