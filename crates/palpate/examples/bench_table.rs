@@ -13,6 +13,7 @@ struct Bench {
 struct Row {
     triangles: usize,
     regime: String,
+    law: String,
     slip: String,
     median_ns: f64,
     p99_ns: f64,
@@ -23,19 +24,21 @@ fn main() -> anyhow::Result<()> {
     let mut json = String::new();
     std::io::stdin().read_to_string(&mut json)?;
     let Bench { results } = serde_json::from_str(&json)?;
-    println!("| regime | triangles | slip rule | median (ns) | p99 (ns) | p99.9 (ns) |");
-    println!("|---|---:|---|---:|---:|---:|");
+    println!("| regime | triangles | law | slip rule | median (ns) | p99 (ns) | p99.9 (ns) |");
+    println!("|---|---:|---|---|---:|---:|---:|");
     let mut regimes: Vec<&str> = results.iter().map(|row| row.regime.as_str()).collect();
     regimes.sort_unstable();
     regimes.dedup();
     for regime in regimes {
         for row in results.iter().filter(|row| row.regime == regime) {
-            let Row { triangles, slip, median_ns, p99_ns, p999_ns, .. } = row;
+            let Row { triangles, law, slip, median_ns, p99_ns, p999_ns, .. } = row;
             anyhow::ensure!(
                 [median_ns, p99_ns, p999_ns].iter().all(|ns| ns.is_finite() && **ns > 0.0),
                 "{regime}"
             );
-            println!("| {regime} | {triangles} | {slip} | {median_ns:.0} | {p99_ns:.0} | {p999_ns:.0} |");
+            println!(
+                "| {regime} | {triangles} | {law} | {slip} | {median_ns:.0} | {p99_ns:.0} | {p999_ns:.0} |"
+            );
         }
     }
     Ok(())

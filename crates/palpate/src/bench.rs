@@ -6,7 +6,7 @@ pub mod reference;
 mod regimes;
 mod timing;
 
-pub use cylinder::cylinder;
+pub use cylinder::{coupled_cylinder, cylinder};
 pub use regimes::{REGIMES, run};
 pub use timing::{Clock, Spent, Stopwatch, Times};
 
@@ -21,6 +21,8 @@ pub struct Row {
     pub regime: &'static str,
     /// Whether the lateral response depends on the direction.
     pub anisotropic: bool,
+    /// The law: `decoupled` or `coupled`.
+    pub law: &'static str,
     /// Slip rule.
     pub slip: &'static str,
     /// Steps that were timed one by one.

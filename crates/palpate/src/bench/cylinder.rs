@@ -5,7 +5,9 @@ use crate::spec::{Deflection, Friction};
 use anyhow::Result;
 use glam::DVec3;
 use palpate_body::shape::{Resolution, Shape};
-use palpate_body::{Body, BodyParts, NodeMix, Provenance, SlipRule, Tool, tensor};
+use palpate_body::{
+    Body, BodyParts, CoupledLaw, Curve, Extension, NodeMix, Potential, Provenance, SlipRule, Tool, tensor,
+};
 
 /// m
 pub const RADIUS: f64 = 0.03;
@@ -63,6 +65,42 @@ pub fn cylinder(triangles: usize, ratio: f64) -> Result<Body> {
         slip: SlipRule::Paper,
         provenance: Provenance::default(),
     })?)
+}
+
+/// The same tube with a coupled law at its test points: F of the same normal force, a lateral stiffness that grows with the
+/// depth and differs by `ratio` between the directions, and every further term of a size that organs show.
+///
+/// # Errors
+/// As [`cylinder`].
+pub fn coupled_cylinder(triangles: usize, ratio: f64) -> Result<Body> {
+    let body = cylinder(triangles, 1.0)?;
+    let knots = [0.0, 1e-3, 2e-3, 4e-3, 6e-3, 8e-3];
+    let potential = |(&node, response): (&u32, &palpate_body::Response)| {
+        let u = body.nodes()[node as usize].inward;
+        let [kz, kr] = [response.normal.value(8e-3) / 64e-4, response.lateral.slope(0.0)];
+        // From a share of itself at no depth to its full size, both ends level.
+        let ramp = |full: f64, start: f64| {
+            let values = [0.0, 0.2, 0.4, 0.7, 0.9, 1.0].map(|t| full * (start + (1.0 - start) * t));
+            let slopes = [0.0, 200.0, 180.0, 125.0, 75.0, 0.0].map(|s| full * (1.0 - start) * s);
+            Curve::hermite(&knots, &values, &slopes, Extension::Constant)
+        };
+        let press = knots.map(|d| 100.0 * kz * d * d * d / 3.0);
+        let force = knots.map(|d| 100.0 * kz * d * d);
+        let stiff = kr * 2.0 / (1.0 + ratio);
+        Ok(Potential {
+            tangents: [DVec3::Z, u.cross(DVec3::Z)],
+            press: Curve::hermite(&knots, &press, &force, Extension::Quadratic)?,
+            offset: [ramp(0.05 * kz * 6.4e-3, 0.0)?, ramp(-0.03 * kz * 6.4e-3, 0.0)?],
+            stiffness: [ramp(stiff * ratio, 0.5)?, ramp(0.05 * kr, 0.5)?, ramp(stiff, 0.5)?],
+            cubic: [ramp(2e3, 0.5)?, ramp(-1e3, 0.5)?, ramp(1e3, 0.5)?, ramp(-2e3, 0.5)?],
+            quartic: ramp(2e6, 0.5)?,
+            friction: response.friction.on_knots(&knots)?,
+        })
+    };
+    let potentials = body.test_point_nodes().iter().zip(body.curves()).map(potential);
+    let potentials = potentials.collect::<Result<_, palpate_body::BodyError>>()?;
+    let parts = BodyParts { responses: Vec::new(), lateral_tensors: None, ..body.parts() };
+    Ok(Body::new(BodyParts { coupled: Some(CoupledLaw { range_m: 4e-3, potentials }), ..parts })?)
 }
 
 /// The mix at (u, v) in cells of the coarse grid: area coordinates in the half of the cell's square that holds it.

@@ -47,6 +47,7 @@ pub fn run(body: &Body, rule: SlipRule, regime: &'static str, steps: usize, cloc
         triangles: body.elements().len(),
         regime,
         anisotropic: !body.is_isotropic(),
+        law: if body.is_coupled() { "coupled" } else { "decoupled" },
         slip: rule.name(),
         steps: timed.singles.len(),
         evaluations_per_step: evaluations as f64 / n,

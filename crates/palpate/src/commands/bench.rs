@@ -3,7 +3,7 @@
 mod simulate;
 
 use super::Failure;
-use crate::bench::{Clock, REGIMES, Row, cylinder, run as run_regime};
+use crate::bench::{Clock, REGIMES, Row, coupled_cylinder, cylinder, run as run_regime};
 use crate::console;
 use anyhow::anyhow;
 use std::time::Instant;
@@ -41,9 +41,18 @@ pub struct Args {
         value_enum,
         value_name = "RULE,...",
         value_delimiter = ',',
-        default_value = "paper,consistent"
+        default_value = "paper,consistent,exact"
     )]
     slip: Vec<super::Slip>,
+    /// Laws to time
+    #[arg(
+        long,
+        value_enum,
+        value_name = "LAW,...",
+        value_delimiter = ',',
+        default_value = "decoupled,coupled"
+    )]
+    law: Vec<Law>,
     /// Tubes that are 1.9 times as stiff sideways along the axis as around it
     #[arg(long)]
     anisotropic: bool,
@@ -52,6 +61,15 @@ pub struct Args {
     /// Print JSON
     #[arg(long)]
     json: bool,
+}
+
+/// A kind of force law.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Law {
+    /// f_z(δz) and f_r(δr)
+    Decoupled,
+    /// W(δz, δ_t)
+    Coupled,
 }
 
 /// Runs the command.
@@ -76,12 +94,18 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     console::note(&format!("reading the clock takes {:.0} ns", clock.overhead_ns));
     let mut rows: Vec<Row> = Vec::new();
     for &triangles in &args.triangles {
-        let start = Instant::now();
-        let body = cylinder(triangles, if args.anisotropic { 1.9 } else { 1.0 })?;
-        let built = start.elapsed().as_secs_f64();
-        console::note(&format!("{} triangles: built in {built:.1} s", body.elements().len()));
-        for rule in args.slip.iter().map(|s| s.rule()) {
-            rows.extend(REGIMES.map(|regime| run_regime(&body, rule, regime, steps, &clock)));
+        for law in &args.law {
+            let start = Instant::now();
+            let ratio = if args.anisotropic { 1.9 } else { 1.0 };
+            let body = match law {
+                Law::Decoupled => cylinder(triangles, ratio)?,
+                Law::Coupled => coupled_cylinder(triangles, ratio)?,
+            };
+            let built = start.elapsed().as_secs_f64();
+            console::note(&format!("{} triangles: built in {built:.1} s", body.elements().len()));
+            for rule in args.slip.iter().map(|s| s.rule()) {
+                rows.extend(REGIMES.map(|regime| run_regime(&body, rule, regime, steps, &clock)));
+            }
         }
     }
     if args.json {
@@ -94,10 +118,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 fn text(rows: &[Row]) -> String {
     let least = rows.iter().map(|r| r.triangles).min().unwrap_or(0);
-    let first = rows.first().map_or("", |r| r.slip);
+    let first = rows.first().map_or(("", ""), |r| (r.law, r.slip));
     let head = [
         "regime",
         "triangles",
+        "law",
         "slip rule",
         "median (ns)",
         "p99 (ns)",
@@ -106,25 +131,27 @@ fn text(rows: &[Row]) -> String {
         "crossings",
     ];
     let mut lines = vec![head.map(str::to_owned).to_vec()];
-    lines[0].extend([format!("to {least}"), format!("to {first}")]);
+    lines[0].extend([format!("to {least}"), format!("to {}", first.1)]);
     for regime in REGIMES {
         let of = |r: &&Row| r.regime == regime;
-        let median = |triangles: usize, slip: &str| {
-            let row = rows.iter().filter(of).find(|r| r.triangles == triangles && r.slip == slip);
+        let median = |triangles: usize, law: &str, slip: &str| {
+            let same = |r: &&Row| r.triangles == triangles && r.law == law && r.slip == slip;
+            let row = rows.iter().filter(of).find(same);
             row.map_or(f64::NAN, |r| r.times.median_ns)
         };
         lines.extend(rows.iter().filter(of).map(|r| {
             vec![
                 r.regime.to_owned(),
                 r.triangles.to_string(),
+                r.law.to_owned(),
                 r.slip.to_owned(),
                 format!("{:.1}", r.times.median_ns),
                 format!("{:.0}", r.times.p99_ns),
                 format!("{:.0}", r.times.p999_ns),
                 format!("{:.2}", r.evaluations_per_step),
                 format!("{:.2}", r.crossings_per_step),
-                format!("{:.2}×", r.times.median_ns / median(least, r.slip)),
-                format!("{:.2}×", r.times.median_ns / median(r.triangles, first)),
+                format!("{:.2}×", r.times.median_ns / median(least, r.law, r.slip)),
+                format!("{:.2}×", r.times.median_ns / median(r.triangles, first.0, first.1)),
             ]
         }));
     }
