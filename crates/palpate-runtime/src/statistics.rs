@@ -2,6 +2,7 @@
 
 use crate::{Record, StageCounts, StageFlags};
 use hdrhistogram::Histogram;
+use palpate_engine::Flags;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -129,7 +130,7 @@ impl Statistics {
         read.add(record.read_ns.into());
         write.add(record.write_ns.into());
         self.overruns += u64::from(late > self.period_ns);
-        self.touching += u64::from(record.engine().in_contact);
+        self.touching += u64::from(record.engine().has(Flags::IN_CONTACT));
         self.stages.add(record.stages());
         self.periods += 1;
         self.last = Some(*record);

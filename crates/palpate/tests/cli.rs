@@ -1,8 +1,8 @@
 //! The command from outside: files in, files out, exit statuses, one-line complaints.
 
+use palpate::path::Waypoint;
 use palpate_body::shape::{Resolution, Shape};
 use palpate_body::{Body, SlipRule};
-use palpate::path::Waypoint;
 use palpate_engine::{Ablation, Output, ToolState};
 use serde_json::Value;
 use std::fmt::Write as _;
