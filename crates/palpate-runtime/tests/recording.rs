@@ -180,7 +180,11 @@ fn a_recording_of_version_1_that_is_there_is_read() {
     );
     assert_eq!((sliding.patch_serial, sliding.patch_count), (2, 64));
     assert_eq!(sliding.patch_centre_m[0], 0.005_246_067_2);
-    assert!(sliding.engine().in_contact && sliding.engine().slipping && sliding.tool().is_some());
+    assert!(
+        sliding.engine().has(Flags::IN_CONTACT)
+            && sliding.engine().has(Flags::SLIPPING)
+            && sliding.tool().is_some()
+    );
     assert_eq!((records[17].tool(), records[17].command_force_n), (None, [0.0; 3]));
 
     // What is written today has the same bytes.

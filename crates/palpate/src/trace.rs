@@ -4,7 +4,7 @@ use crate::path::Waypoint;
 use anyhow::Result;
 use glam::DVec3;
 use palpate_body::{Body, ContactModel, SlipRule};
-use palpate_engine::{Ablation, Contact, Counters, Flags, Ledger, Output, ToolState};
+use palpate_engine::{Ablation, Contact, Counters, Flags, Ledger, Output};
 use serde::Serialize;
 use std::io::Write;
 
@@ -305,4 +305,28 @@ fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
 /// `1 step`, `2 steps`.
 pub fn count(n: u64, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Programs read these by their names.
+    #[test]
+    fn columns_and_counts_keep_their_names() {
+        assert!(
+            COLUMNS.starts_with("time_s,x_m,y_m,z_m,in_contact,slipping,element,cx_m,cy_m,cz_m,delta_z_m,")
+        );
+        assert!(COLUMNS.ends_with(",tx_nm,ty_nm,tz_nm,work_j,stored_j,dissipated_j,generated_j"));
+        let mut counts = FlagCounts::default();
+        counts.add(Flags::IN_CONTACT | Flags::FENCED);
+        counts.add(Flags::FENCED);
+        let json = serde_json::to_string(&counts).unwrap();
+        let expected =
+            r#"{"in_contact":1,"slipping":0,"onset":0,"released":0,"reanchored":0,"border":0,"blocked":0,"#;
+        let rest = r#""capped":0,"invalid_pose":0,"contained":0,"started_inside":0,"fenced":2}"#;
+        assert_eq!(json, format!("{expected}{rest}"));
+        counts.add(Flags::OTHER_BODY);
+        assert!(serde_json::to_string(&counts).unwrap().ends_with(r#""fenced":2,"other_body":1}"#));
+    }
 }

@@ -11,7 +11,7 @@ use palpate::intent::Intent;
 use palpate::live::{self, Hold, Place, Plan};
 use palpate_body::Body;
 use palpate_device::{Capabilities, Device, Fault, OpenError, Sample, presets};
-use palpate_engine::Ablation;
+use palpate_engine::{Ablation, Flags};
 use palpate_runtime::{Ending, Patience, RealTime, Record, Recording, RecordingFile, Safety, Settings};
 use serde_json::Value;
 use std::fs;
@@ -86,7 +86,7 @@ fn told(output: &Output, devices: usize) -> Vec<Value> {
 }
 
 fn touches(record: &&Record) -> bool {
-    record.engine().in_contact
+    record.engine().has(Flags::IN_CONTACT)
 }
 
 /// Run, trace to the same bits, export, and run again from the recording and from a path.
@@ -145,7 +145,7 @@ fn what_was_changed_is_found_and_what_was_cut_is_traced_up_to_there() {
     let desk = desk();
     desk.live("--device simulated --seconds 0.6 --record a.rec");
     let (records, _) = desk.records("a.rec");
-    let touched = records.iter().position(|r| r.engine().in_contact).unwrap();
+    let touched = records.iter().position(|r| r.engine().has(Flags::IN_CONTACT)).unwrap();
     let header = Recording::open(&desk.path("a.rec")).unwrap().header().clone();
     // One force, by one bit, with a checksum that fits.
     let mut file = RecordingFile::begin(fs::File::create(desk.path("force.rec")).unwrap(), &header).unwrap();

@@ -1,0 +1,233 @@
+//! The first touch of a moving tip: of a point on its segment, by a watertight test, or of a sphere around it.
+
+use super::nearest::nearest_on_triangle;
+use super::tree::{Search, Segment};
+use super::{SurfacePoint, point};
+use crate::model::ContactModel;
+use glam::DVec3;
+
+/// How far behind its start a segment still catches the surface, m: far above rounding, far below touch.
+const BACK_OFF: f64 = 1e-9;
+
+/// The first touch of a moving tip.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Touch {
+    /// Where on the surface.
+    pub at: SurfacePoint,
+    /// When, as a fraction of the way, in [0, 1].
+    pub fraction: f64,
+}
+
+impl Search {
+    /// [`ContactModel::first_touch`] of elements with these corners.
+    #[inline]
+    pub fn first_touch(
+        &self,
+        from: DVec3,
+        to: DVec3,
+        radius: f64,
+        corners: impl Fn(u32) -> [DVec3; 3],
+    ) -> Option<Touch> {
+        let way = to - from;
+        let segment = Segment { middle: (from + to) * 0.5, half: way * 0.5 };
+        let mut best: Option<(Touch, f64)> = None;
+        let reach = radius + BACK_OFF;
+        let ray = Ray::new(from, way);
+        self.walk(
+            1.0,
+            // A box is of interest from the earliest fraction at which the segment can come to it.
+            |b| if b.meets(&segment, reach) { b.earliest(from, way, reach) } else { f64::INFINITY },
+            |element, bound| {
+                let corners = corners(element);
+                let hit = if radius > 0.0 {
+                    sphere_touch(from, way, radius, corners)
+                } else {
+                    ray.touch(from, corners)
+                };
+                let Some((fraction, n)) = hit else { return bound };
+                // Of touches at the same moment the nearest counts, then the lowest element: not the tree's order.
+                let distance = (from + way * fraction).distance(point(corners, n));
+                let earlier = best.is_none_or(|(b, d)| {
+                    (fraction, distance, element).partial_cmp(&(b.fraction, d, b.at.element))
+                        == Some(std::cmp::Ordering::Less)
+                });
+                if earlier {
+                    best = Some((Touch { at: SurfacePoint { element, n }, fraction }, distance));
+                    return fraction;
+                }
+                bound
+            },
+        );
+        best.map(|(touch, _)| touch)
+    }
+}
+
+impl ContactModel {
+    /// The first inward touch of a tip that moves from `from` to `to`: of the surface by a point, or of a sphere of
+    /// `radius` around it with the surface.
+    ///
+    /// `from` must be outside. A point is caught on faces, edges and vertices alike (the edge tests of neighbours
+    /// agree to the bit: Woop, Benthin and Wald 2013), also where rounding has put `from` up to 1e-9 m inside.
+    ///
+    /// # Real-time
+    /// As [`ContactModel::nearest`].
+    pub fn first_touch(&self, from: DVec3, to: DVec3, radius: f64) -> Option<Touch> {
+        self.search.first_touch(from, to, radius, |element| self.corners(element))
+    }
+}
+
+/// A segment prepared for the watertight test: the axis it runs along most, and the shear that makes it run along z.
+pub(super) struct Ray {
+    from: DVec3,
+    axes: [usize; 3],
+    shear: [f64; 2],
+    along: f64,
+}
+
+impl Ray {
+    pub fn new(from: DVec3, way: DVec3) -> Self {
+        let size = way.abs();
+        let z = if size.x >= size.y && size.x >= size.z {
+            0
+        } else if size.y >= size.z {
+            1
+        } else {
+            2
+        };
+        // A mirrored frame would turn faces over; swap to keep it right-handed along +z.
+        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
+        let pick = |v: DVec3, i: usize| match i {
+            0 => v.x,
+            1 => v.y,
+            _ => v.z,
+        };
+        let along = pick(way, z);
+        if along < 0.0 {
+            std::mem::swap(&mut x, &mut y);
+        }
+        let shear = [pick(way, x) / along, pick(way, y) / along];
+        Ray { from, axes: [x, y, z], shear, along }
+    }
+
+    /// Corners in the ray's frame, in which it runs from the origin along z.
+    #[inline]
+    fn sheared(&self, corners: [DVec3; 3]) -> [[f64; 3]; 3] {
+        corners.map(|p| {
+            let p = p - self.from;
+            let pick = |i: usize| match i {
+                0 => p.x,
+                1 => p.y,
+                _ => p.z,
+            };
+            let [x, y, z] = self.axes.map(pick);
+            [x - self.shear[0] * z, y - self.shear[1] * z, z]
+        })
+    }
+
+    /// 1 where the ray leaves through the triangle, −1 where it enters, ahead of its start; else 0.
+    pub fn crossing(&self, corners: [DVec3; 3]) -> i32 {
+        let [a, b, c] = self.sheared(corners);
+        // On which side of the edge the ray passes; on the edge itself, the side that its direction says: opposite
+        // ones for its two triangles.
+        let side = |p: [f64; 3], q: [f64; 3]| {
+            let area = p[0] * q[1] - p[1] * q[0];
+            let ahead = if p[1] == q[1] { q[0] > p[0] } else { q[1] > p[1] };
+            (area, area > 0.0 || (area == 0.0 && ahead))
+        };
+        let ((u, left_u), (v, left_v), (w, left_w)) = (side(c, b), side(a, c), side(b, a));
+        let sum = u + v + w;
+        if left_u != left_v || left_v != left_w || sum == 0.0 {
+            return 0;
+        }
+        let fraction = (u * a[2] + v * b[2] + w * c[2]) / sum / self.along;
+        match fraction > 0.0 {
+            true if left_u => -1,
+            true => 1,
+            false => 0,
+        }
+    }
+
+    /// Fraction and area coordinates where the segment enters through the triangle's outer side.
+    fn touch(&self, from: DVec3, corners: [DVec3; 3]) -> Option<(f64, [f64; 3])> {
+        if self.along == 0.0 {
+            return None;
+        }
+        let [a, b, c] = self.sheared(corners);
+        let u = c[0] * b[1] - c[1] * b[0];
+        let v = a[0] * c[1] - a[1] * c[0];
+        let w = b[0] * a[1] - b[1] * a[0];
+        // Anticlockwise seen from outside: a segment that comes from there has all three on its left, or at zero.
+        let sum = u + v + w;
+        if u < 0.0 || v < 0.0 || w < 0.0 || sum.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
+            return None;
+        }
+        let n = [u / sum, v / sum, w / sum];
+        let fraction = (n[0] * a[2] + n[1] * b[2] + n[2] * c[2]) / self.along;
+        if (0.0..=1.0).contains(&fraction) {
+            return Some((fraction, n));
+        }
+        // A start that rounding has put inside: by its depth, since a grazing way comes from far behind.
+        let outward = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
+        let at_start = nearest_on_triangle(from, corners);
+        let offset = from - point(corners, at_start);
+        (fraction < 0.0 && offset.length() <= BACK_OFF && offset.dot(outward) <= 0.0)
+            .then_some((0.0, at_start))
+    }
+}
+
+/// Fraction and area coordinates where a sphere that moves from `from` by `way` first touches a triangle's outer side.
+fn sphere_touch(from: DVec3, way: DVec3, radius: f64, corners: [DVec3; 3]) -> Option<(f64, [f64; 3])> {
+    let at_start = nearest_on_triangle(from, corners);
+    let outward = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+    // From behind an open sheet nothing is touched.
+    let before = |centre: DVec3, n: [f64; 3]| {
+        (centre - point(corners, n)).dot(outward) >= -1e-9 * radius * outward.length()
+    };
+    if (from - point(corners, at_start)).length() <= radius {
+        return before(from, at_start).then_some((0.0, at_start));
+    }
+    let mut first: Option<f64> = None;
+    let mut offer = |t: f64| {
+        if (0.0..=1.0).contains(&t) && first.is_none_or(|f| t < f) {
+            first = Some(t);
+        }
+    };
+    // The face, moved out by the radius.
+    let normal = outward.normalize_or_zero();
+    let speed = way.dot(normal);
+    if speed < 0.0 {
+        let t = (radius - (from - corners[0]).dot(normal)) / speed;
+        let n = nearest_on_triangle(from + way * t, corners);
+        if n[0] > 0.0 && n[1] > 0.0 && n[2] > 0.0 {
+            offer(t);
+        }
+    }
+    // The edges' cylinders and the vertices' spheres.
+    for i in 0..3 {
+        let (Some(&a), Some(&b)) = (corners.get(i), corners.get((i + 1) % 3)) else { continue };
+        let along = (b - a).normalize_or_zero();
+        let across = |v: DVec3| v - along * v.dot(along);
+        if let Some(t) = first_root(across(from - a), across(way), radius) {
+            let s = (from + way * t - a).dot(along);
+            if s >= 0.0 && s <= (b - a).length() {
+                offer(t);
+            }
+        }
+        if let Some(t) = first_root(from - a, way, radius) {
+            offer(t);
+        }
+    }
+    let first = first.map(|t| (t, nearest_on_triangle(from + way * t, corners)));
+    first.filter(|&(t, n)| before(from + way * t, n))
+}
+
+/// First t with |gap + way t| = radius, for a start outside.
+fn first_root(gap: DVec3, way: DVec3, radius: f64) -> Option<f64> {
+    let (a, b, c) = (way.length_squared(), gap.dot(way), gap.length_squared() - radius * radius);
+    let discriminant = b * b - a * c;
+    if a == 0.0 || b >= 0.0 || discriminant < 0.0 {
+        return None;
+    }
+    // b < 0: the sum below does not cancel.
+    Some(c / (-b + discriminant.sqrt()))
+}
