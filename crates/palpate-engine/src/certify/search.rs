@@ -9,7 +9,8 @@ use std::collections::BinaryHeap;
 /// How far a search goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effort {
-    /// Evaluations of the bound: a quarter as many where P or S is lost, four times as many while either is undecided.
+    /// Evaluations of the bound: a quarter as many where P or S is lost, four to sixteen times as many while either is
+    /// undecided.
     pub evaluations: u32,
     /// It ends where bound and least value differ by no more than this, in the criterion's unit,
     pub absolute: f64,
