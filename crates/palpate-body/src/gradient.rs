@@ -15,7 +15,7 @@
 
 use crate::body::Node;
 use crate::curve::Curve;
-use crate::law::{CoupledRow, Monomials, QUANTITIES};
+use crate::law::{CoupledRow, QUANTITIES, Reach, monomials};
 use crate::model::ContactModel;
 use crate::potential::{PotentialAt, Potentials};
 use crate::response::{POWERS, Response, Responses, Strain};
@@ -127,8 +127,10 @@ pub struct CoupledEnergies<'a> {
     pub potentials: &'a Potentials,
     /// The interval of δz, and the distance from its knot, m.
     pub depth: (usize, f64),
-    /// δ_t, m.
+    /// δ_t, m, and its reach.
     pub tangential: DVec3,
+    /// See there.
+    pub reach: Reach<f64>,
     /// What is known already.
     pub known: Known,
 }
@@ -143,9 +145,8 @@ impl CoupledEnergies<'_> {
 impl PointEnergies for CoupledEnergies<'_> {
     #[inline]
     fn energy(&self, test_point: u32) -> f64 {
-        let find =
-            || self.at(test_point).law(self.depth.1, self.tangential, self.potentials.range_m()).0.energy;
-        self.known.energy(test_point, find)
+        self.known
+            .energy(test_point, || self.at(test_point).energy(self.depth.1, self.tangential, &self.reach))
     }
 
     #[inline(always)]
@@ -154,9 +155,8 @@ impl PointEnergies for CoupledEnergies<'_> {
         let Some([a, b, c, d]) = gradients.coupled_rows.get(self.potentials.row(start, interval)) else {
             return Vec3A::ZERO;
         };
-        let m = Monomials::new(self.at(reference).xi(self.tangential), self.potentials.range_m());
-        let ([x, y], [u, v, w], [p, q, r, s]) = (m.xi, m.quadratic, m.cubic);
-        let (t, monomials) = (t as f32, [1.0, x, y, u, v, w, p, q, r, s, m.quartic].map(|m| m as f32));
+        let monomials = monomials(self.at(reference).xi(self.tangential), &self.reach).map(|m| m as f32);
+        let t = t as f32;
         let mut sum = Vec4::ZERO;
         for ((((a, b), c), d), m) in a.iter().zip(b).zip(c).zip(d).zip(monomials) {
             sum += (*a + (*b + (*c + *d * t) * t) * t) * m;

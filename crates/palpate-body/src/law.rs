@@ -59,14 +59,18 @@ pub struct AtDepth<T> {
     pub slope: [T; QUANTITIES],
 }
 
-/// A row at the distance `t` from its knot.
+/// A row at the distance `t` from its knot, by Horner's scheme for value and slope.
 #[inline(always)]
-pub fn at_depth<T: Number>([a, b, c, d]: &[[f64; QUANTITIES]; 4], t: T) -> AtDepth<T> {
-    let at = |row: &[f64; QUANTITIES], i: usize| T::constant(row.get(i).copied().unwrap_or(0.0));
-    AtDepth {
-        value: from_fn(|i| at(a, i) + t * (at(b, i) + t * (at(c, i) + t * at(d, i)))),
-        slope: from_fn(|i| at(b, i) + t * (at(c, i) * 2.0 + t * (at(d, i) * 3.0))),
+pub fn at_depth<T: Number>([a, b, c, d]: &CoupledRow, t: T) -> AtDepth<T> {
+    let (mut value, mut slope) = ([T::constant(0.0); QUANTITIES], [T::constant(0.0); QUANTITIES]);
+    for i in 0..QUANTITIES {
+        let third = t * d[i];
+        let second = third + c[i];
+        let first = second * t + b[i];
+        value[i] = first * t + a[i];
+        slope[i] = (third + second) * t + first;
     }
+    AtDepth { value, slope }
 }
 
 /// What the coupled law says at one deflection.
@@ -76,85 +80,92 @@ pub struct Coupled<T> {
     pub energy: T,
     /// f_z = ∂W/∂δz, N.
     pub normal: T,
-    /// ∂W/∂ξ, N.
+    /// ∂W/∂δ_t, N, is this in the test point's tangents …
     pub lateral: [T; 2],
+    /// … and this times δ_t, N/m.
+    pub radial: T,
 }
 
-/// The monomials of ξ that a potential sums, as [`Monomials`] puts them beyond the range.
+/// How the terms of third and fourth order go on beyond the range R up to which a law was found; the same for all test points.
+///
+/// Beyond its range a potential goes on along each ray by its second-order expansion at the rim, which is conservative, C2, and
+/// as convex along the ray as at the rim. Linear and quadratic terms are their own expansions; with r = |δ_t| and
+/// k = min(1, R/r) the cubic ones are to be taken times s = 1 − (1 − k)³, and r⁴ goes over to q = r⁴ k² (6 − 8k + 3k²).
 #[derive(Debug, Clone, Copy)]
-pub struct Monomials<T> {
-    /// ξ.
-    pub xi: [T; 2],
-    /// ½ξ₁², ξ₁ξ₂, ½ξ₂².
-    pub quadratic: [T; 3],
-    /// s (ξ₁³, ξ₁²ξ₂, ξ₁ξ₂², ξ₂³).
-    pub cubic: [T; 4],
-    /// q.
-    pub quartic: T,
-    /// s, s'/|ξ| and q'/|ξ|.
-    scale: [T; 3],
+pub struct Reach<T> {
+    /// s, and s'/r.
+    s: T,
+    ds: T,
+    /// q, and q'/r.
+    q: T,
+    dq: T,
 }
 
-impl<T: Number> Monomials<T> {
-    /// At ξ (m), for a law that was found up to |ξ| = `range` (m).
-    ///
-    /// Beyond its range a potential goes on along each ray by its second-order expansion at the rim, which is conservative, C2, and
-    /// as convex along the ray as at the rim. Linear and quadratic terms are their own expansions; with k = min(1, R/r) the
-    /// cubic ones are to be taken times s = 1 − (1 − k)³, and r⁴ goes over to q = r⁴ k² (6 − 8k + 3k²).
+impl<T: Number> Reach<T> {
+    /// Of |δ_t|², m², with a range in m.
     #[inline(always)]
-    pub fn new([x, y]: [T; 2], range: f64) -> Self {
-        let (xx, xy, yy) = (x * x, x * y, y * y);
-        let r2 = xx + yy;
+    pub fn new(r2: T, range: f64) -> Self {
         // r, or R where that is greater.
-        let far2 = r2.at_least(range * range);
-        let per = far2.sqrt().recip();
+        let per = r2.at_least(range * range).sqrt().recip();
         let k = per * range;
         let (short, k2) = (-k + 1.0, k * k);
         let short2 = short * short;
-        let s = -(short * short2) + 1.0;
-        let ds = short2 * k * (per * per) * -3.0;
         // r² k² is r² within the range and R² beyond.
         let inner = r2 * k2;
-        let q = r2 * inner * (k2 * 3.0 - k * 8.0 + 6.0);
-        let dq = inner * (-(k * 8.0) + 12.0);
-        Monomials {
-            xi: [x, y],
-            quadratic: [xx * 0.5, xy, yy * 0.5],
-            cubic: [xx * x * s, xx * y * s, yy * x * s, yy * y * s],
-            quartic: q,
-            scale: [s, ds, dq],
+        Reach {
+            s: -(short * short2) + 1.0,
+            ds: short2 * k * (per * per) * -3.0,
+            q: r2 * inner * (k2 * 3.0 - k * 8.0 + 6.0),
+            dq: inner * (-(k * 8.0) + 12.0),
         }
-    }
-
-    /// Σ quantity × monomial, of all but μ.
-    #[inline(always)]
-    fn sum(&self, [f, b1, b2, k1, k2, k3, c1, c2, c3, c4, q, _]: [T; QUANTITIES]) -> T {
-        let ([x, y], [u, v, w], [a, b, c, d]) = (self.xi, self.quadratic, self.cubic);
-        f + (b1 * x + b2 * y)
-            + (k1 * u + k2 * v + k3 * w)
-            + (c1 * a + c2 * b + (c3 * c + c4 * d))
-            + q * self.quartic
     }
 }
 
-/// The coupled law with these quantities at these monomials.
+/// The monomials of ξ that a potential's quantities are multiplied with, all but μ.
 #[inline(always)]
-pub fn coupled<T: Number>(at: &AtDepth<T>, m: &Monomials<T>) -> Coupled<T> {
-    let [_, b1, b2, k1, k2, k3, c1, c2, c3, c4, q, _] = at.value;
-    let ([x, y], [u, v, w], [s, ds, dq]) = (m.xi, m.quadratic, m.scale);
-    // ∂(s C)/∂ξ = s C' + C s'/r ξ.
-    let c = c1 * (u * x) * 2.0 + c2 * (u * y) * 2.0 + (c3 * (w * x) * 2.0 + c4 * (w * y) * 2.0);
-    let radial = c * ds + q * dq;
-    let cx = c1 * u * 6.0 + c2 * v * 2.0 + c3 * w * 2.0;
-    let cy = c2 * u * 2.0 + c3 * v * 2.0 + c4 * w * 6.0;
-    Coupled {
-        energy: m.sum(at.value),
-        normal: m.sum(at.slope),
-        lateral: [
-            b1 + (k1 * x + k2 * y) + (cx * s + radial * x),
-            b2 + (k2 * x + k3 * y) + (cy * s + radial * y),
-        ],
+pub fn monomials<T: Number>([x, y]: [T; 2], reach: &Reach<T>) -> [T; QUANTITIES - 1] {
+    let (xx, xy, yy) = (x * x, x * y, y * y);
+    let (sx, sy) = (reach.s * x, reach.s * y);
+    let one = T::constant(1.0);
+    [one, x, y, xx * 0.5, xy, yy * 0.5, xx * sx, xx * sy, yy * sx, yy * sy, reach.q]
+}
+
+#[inline(always)]
+fn sum<T: Number>(quantities: &[T; QUANTITIES], m: &[T; QUANTITIES - 1]) -> T {
+    // Pairs side by side.
+    let mut parts = [quantities[0], quantities[1] * m[1]];
+    for i in (2..QUANTITIES - 1).step_by(2) {
+        parts[0] = parts[0] + quantities[i] * m[i];
+        if i + 1 < QUANTITIES - 1 {
+            parts[1] = parts[1] + quantities[i + 1] * m[i + 1];
+        }
     }
+    parts[0] + parts[1]
+}
+
+/// The coupled law with these quantities at ξ = (t₁·δ_t, t₂·δ_t); `reach` is that of δ_t.
+#[inline(always)]
+pub fn coupled<T: Number>(at: &AtDepth<T>, [x, y]: [T; 2], reach: &Reach<T>) -> Coupled<T> {
+    let [_, b1, b2, k1, k2, k3, c1, c2, c3, c4, q, _] = at.value;
+    let m = monomials([x, y], reach);
+    // ∂(s C)/∂δ_t = s ∂C/∂ξ + C s'/r δ_t, with C homogeneous of the third degree: 3 C = ξ·∂C/∂ξ.
+    let cx = (c1 * x + c2 * y * (2.0 / 3.0)) * x * 3.0 + c3 * (y * y);
+    let cy = (c4 * y + c3 * x * (2.0 / 3.0)) * y * 3.0 + c2 * (x * x);
+    let c = (cx * x + cy * y) * (1.0 / 3.0);
+    Coupled {
+        energy: sum(&at.value, &m),
+        normal: sum(&at.slope, &m),
+        lateral: [b1 + (k1 * x + k2 * y) + cx * reach.s, b2 + (k2 * x + k3 * y) + cy * reach.s],
+        radial: c * reach.ds + q * reach.dq,
+    }
+}
+
+/// The same of a test point alone, whose tangents δ_t lies in.
+#[inline]
+pub fn coupled_alone<T: Number>(at: &AtDepth<T>, [x, y]: [T; 2], range: f64) -> Coupled<T> {
+    let law = coupled(at, [x, y], &Reach::new(x * x + y * y, range));
+    let [p, q] = law.lateral;
+    Coupled { lateral: [p + law.radial * x, q + law.radial * y], ..law }
 }
 
 #[cfg(test)]
@@ -192,9 +203,8 @@ mod tests {
         for _ in 0..20 {
             let row = row(&mut seed);
             for (t, xi) in places(&mut seed) {
-                let energy =
-                    |t: f64, xi: [f64; 2]| coupled(&at_depth(&row, t), &Monomials::new(xi, 2e-3)).energy;
-                let law = coupled(&at_depth(&row, t), &Monomials::new(xi, 2e-3));
+                let energy = |t: f64, xi: [f64; 2]| coupled_alone(&at_depth(&row, t), xi, 2e-3).energy;
+                let law = coupled_alone(&at_depth(&row, t), xi, 2e-3);
                 let h = 1e-7;
                 let slope = |f: &dyn Fn(f64) -> f64| (f(h) - f(-h)) / (2.0 * h);
                 let want = [
@@ -216,11 +226,11 @@ mod tests {
             let row = row(&mut seed);
             for (t, [x, y]) in places(&mut seed) {
                 let forces = |t: f64, xi| {
-                    let law = coupled(&at_depth(&row, t), &Monomials::new(xi, 2e-3));
+                    let law = coupled_alone(&at_depth(&row, t), xi, 2e-3);
                     [law.normal, law.lateral[0], law.lateral[1]]
                 };
                 let var = Dual::<f64, 3>::variable;
-                let law = coupled(&at_depth(&row, var(t, 0)), &Monomials::new([var(x, 1), var(y, 2)], 2e-3));
+                let law = coupled_alone(&at_depth(&row, var(t, 0)), [var(x, 1), var(y, 2)], 2e-3);
                 let hessian = [law.normal, law.lateral[0], law.lateral[1]].map(|d| d.partials);
                 let h = 1e-8;
                 let [a, b] =
@@ -250,13 +260,13 @@ mod tests {
         let at = at_depth(&row, 4e-4);
         for i in 0..100 {
             let (c, s) = (libm::cos(f64::from(i)), libm::sin(f64::from(i)));
-            let along = |r: f64| coupled(&at, &Monomials::new([c * r, s * r], 2e-3));
+            let along = |r: f64| coupled_alone(&at, [c * r, s * r], 2e-3);
             let rim = along(2e-3);
             let force = rim.lateral[0] * c + rim.lateral[1] * s;
             let r = Dual::<f64, 1>::variable(2e-3 * (1.0 - 1e-12), 0);
             let quantities = at.value.map(Dual::constant);
             let at_rim = AtDepth { value: quantities, slope: quantities };
-            let [x, y] = coupled(&at_rim, &Monomials::new([r * c, r * s], 2e-3)).lateral;
+            let [x, y] = coupled_alone(&at_rim, [r * c, r * s], 2e-3).lateral;
             let stiffness = x.partials[0] * c + y.partials[0] * s;
             for far in [3e-3, 6e-3, 0.05] {
                 let d = far - 2e-3;

@@ -3,7 +3,7 @@
 use crate::curve::{Curve, Derivatives, Extension};
 use crate::error::{BodyError, Result};
 use crate::growth::{Growth, growth};
-use crate::law::{AtDepth, Coupled, CoupledRow, Monomials, QUANTITIES, at_depth, coupled};
+use crate::law::{AtDepth, Coupled, CoupledRow, QUANTITIES, Reach, at_depth, coupled, coupled_alone};
 use crate::response::Knots;
 use glam::DVec3;
 
@@ -34,7 +34,7 @@ pub struct Potential {
 /// The coupled law of a body.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CoupledLaw {
-    /// Up to which |ξ| the potentials were found, m; see [`Monomials::new`] for how they go on.
+    /// Up to which |ξ| the potentials were found, m; see [`Reach`] for how they go on.
     pub range_m: f64,
     /// One for each test point, all on the same knots.
     pub potentials: Vec<Potential>,
@@ -60,7 +60,7 @@ impl Potential {
         let curves = self.curves();
         let value = curves.map(|c| c.value(depth));
         let slope = curves.map(|c| if depth < 0.0 { 0.0 } else { c.slope(depth) });
-        coupled(&AtDepth { value, slope }, &Monomials::new(xi, range_m))
+        coupled_alone(&AtDepth { value, slope }, xi, range_m)
     }
 }
 
@@ -394,11 +394,10 @@ impl PotentialAt<'_> {
         self.tangents.map(|t| t.dot(tangential))
     }
 
-    /// The law at the distance `t` from the interval's knot, with μ.
-    #[inline(always)]
-    pub fn law(&self, t: f64, tangential: DVec3, range_m: f64) -> (Coupled<f64>, f64) {
-        let at = at_depth(self.row, t);
-        (coupled(&at, &Monomials::new(self.xi(tangential), range_m)), at.value[QUANTITIES - 1])
+    /// W at the distance `t` from the interval's knot, J.
+    #[inline]
+    pub fn energy(&self, t: f64, tangential: DVec3, reach: &Reach<f64>) -> f64 {
+        coupled(&at_depth(self.row, t), self.xi(tangential), reach).energy
     }
 
     /// Powers of its quantities but μ, of a deflection ξ in other tangents: K and C as they look there.

@@ -1,7 +1,7 @@
 //! What a potential promises is checked on its whole range.
 
 use glam::DVec3;
-use palpate_body::law::{AtDepth, Monomials, coupled};
+use palpate_body::law::{AtDepth, coupled_alone};
 use palpate_body::{Curve, Dual, Extension, Number, Potential};
 use proptest::prelude::*;
 
@@ -39,7 +39,7 @@ fn growth(potential: &Potential, depth: f64, angle: f64, r: f64) -> f64 {
     let (c, s) = (libm::cos(angle), libm::sin(angle));
     let value = potential.curves().map(|c| Dual::<f64, 1>::constant(c.value(depth)));
     let r = Dual::variable(r, 0);
-    let [x, y] = coupled(&AtDepth { value, slope: value }, &Monomials::new([r * c, r * s], RANGE)).lateral;
+    let [x, y] = coupled_alone(&AtDepth { value, slope: value }, [r * c, r * s], RANGE).lateral;
     x.partials[0] * c + y.partials[0] * s
 }
 

@@ -8,7 +8,7 @@ use crate::drive::Drive;
 use crate::field::{Change, Deflection, Drift, Field, Reading};
 use crate::lateral::{Lateral, NO_DIRECTION};
 use glam::{DMat3, DVec3};
-use palpate_body::law::{Monomials, QUANTITIES, at_depth, coupled};
+use palpate_body::law::{QUANTITIES, Reach, at_depth, coupled};
 use palpate_body::{ContactModel, CoupledEnergies, Dual, Interval, Known, Node, PotentialAt};
 
 /// Test points that an element's nodes mix at most.
@@ -91,6 +91,8 @@ fn mixed(n: [f64; 3], [a, b, c]: &[f64; 3]) -> f64 {
 pub(crate) struct Coupled {
     /// δ_t, m.
     deflection: DVec3,
+    /// How δ_t lies to the range.
+    reach: Option<Reach<f64>>,
     /// p = ∂W/∂δ_t, N, in the body's frame.
     gradient: DVec3,
     /// ∂W/∂n_l of the nodes, J.
@@ -124,13 +126,14 @@ impl Lateral for Coupled {
         at: &Deflection,
     ) -> (Self, Reading) {
         points.look_up(model, at.depth);
-        let (t, range) = (points.interval.distance(at.depth), model.potentials().range_m());
-        let (mut energy, mut normal, mut friction, mut slope) = (0.0, 0.0, 0.0, 0.0);
+        let t = points.interval.distance(at.depth);
+        let reach = Reach::new(at.lateral * at.lateral, model.potentials().range_m());
+        let (mut energy, mut normal, mut friction, mut slope, mut radial) = (0.0, 0.0, 0.0, 0.0, 0.0);
         let mut left = Coupled { deflection: at.tangential, ..Coupled::default() };
         let mut first = left.first.iter_mut();
         for (potential, weights) in points.each() {
             let (w, quantities) = (mixed(n, weights), at_depth(potential.row, t));
-            let law = coupled(&quantities, &Monomials::new(potential.xi(at.tangential), range));
+            let law = coupled(&quantities, potential.xi(at.tangential), &reach);
             let [.., q, mu] = quantities.value;
             let [t1, t2] = potential.tangents;
             energy += w * law.energy;
@@ -138,12 +141,15 @@ impl Lateral for Coupled {
             friction += w * mu;
             slope +=
                 w * (0.5 * (quantities.value[3] + quantities.value[5]) + 4.0 * q * at.lateral * at.lateral);
+            radial += w * law.radial;
             left.gradient += (*t1 * law.lateral[0] + *t2 * law.lateral[1]) * w;
             left.nodes.iter_mut().zip(weights).for_each(|(sum, w)| *sum += w * law.energy);
             if let Some(slot) = first.next() {
                 *slot = law.energy;
             }
         }
+        left.gradient += at.tangential * radial;
+        left.reach = Some(reach);
         let f_t = at.project(left.gradient);
         let pull = f_t.length();
         let u_t = if pull > 0.0 { f_t * (1.0 / pull) } else { DVec3::ZERO };
@@ -189,6 +195,7 @@ impl Lateral for Coupled {
             potentials: model.potentials(),
             depth: (points.interval.index, points.interval.distance(f.depth)),
             tangential: self.deflection,
+            reach: self.reach.unwrap_or_else(|| Reach::new(0.0, 1.0)),
             known: Known { points: [a, b, c], energies: self.first },
         }
     }
@@ -208,27 +215,33 @@ impl Lateral for Coupled {
     ) -> Drift {
         let Change { u, du, d_depth, d_tangential, v, .. } = *change;
         points.look_up(model, f.depth);
-        let (t, range) = (points.interval.distance(f.depth), model.potentials().range_m());
+        let (t, deflection) = (points.interval.distance(f.depth), self.deflection);
         // Derivatives by δz and by the three directions of space; and the change of what the place mixes.
+        let along = |v: DVec3, value: f64| Dual { value, partials: [0.0, v.x, v.y, v.z] };
+        let deep = Dual { value: t, partials: [if f.depth > 0.0 { 1.0 } else { 0.0 }, 0.0, 0.0, 0.0] };
+        let square = along(deflection * 2.0, deflection.length_squared());
+        let reach = Reach::<Dual<f64, 4>>::new(square, model.potentials().range_m());
         let (mut hessian_zz, mut hessian_zt, mut hessian_tt) = (0.0, DVec3::ZERO, DMat3::ZERO);
         let (mut mu, mut mu_slope, mut d_mu) = (0.0, 0.0, 0.0);
         let (mut d_normal, mut d_gradient) = (0.0, DVec3::ZERO);
         for (potential, weights) in points.each() {
             let (w, dw) = (mixed(change.mixing, weights), mixed(change.along, weights));
-            let var = Dual::<f64, 3>::variable;
-            let [x, y] = potential.xi(self.deflection);
             let [t1, t2] = *potential.tangents;
-            let deep = if f.depth > 0.0 { var(t, 0) } else { Dual { value: t, partials: [0.0; 3] } };
+            let xi = potential.tangents.map(|t| along(t, t.dot(deflection)));
             let quantities = at_depth(potential.row, deep);
-            let law = coupled(&quantities, &Monomials::new([var(x, 1), var(y, 2)], range));
-            let [nz, nx, ny] = law.normal.partials;
-            let [[_, xx, xy], [_, _, yy]] = law.lateral.map(|p| p.partials);
+            let law = coupled(&quantities, xi, &reach);
+            let ([nz, nx, ny, nt], [p, q]) = (law.normal.partials, law.lateral);
             hessian_zz += w * nz;
-            hessian_zt += (t1 * nx + t2 * ny) * w;
-            let (a, b) = (t1 * xx + t2 * xy, t1 * xy + t2 * yy);
-            hessian_tt += (outer(t1, a) + outer(t2, b)) * w;
+            hessian_zt += DVec3::new(nx, ny, nt) * w;
+            let [p_t, q_t, radial_t] = [p, q, law.radial].map(|n| {
+                let [_, x, y, z] = n.partials;
+                DVec3::new(x, y, z)
+            });
+            let radial = law.radial.value;
+            hessian_tt += (outer(t1, p_t) + outer(t2, q_t) + outer(deflection, radial_t)) * w
+                + DMat3::from_diagonal(DVec3::splat(w * radial));
             d_normal += dw * law.normal.value;
-            d_gradient += (t1 * law.lateral[0].value + t2 * law.lateral[1].value) * dw;
+            d_gradient += (t1 * p.value + t2 * q.value + deflection * radial) * dw;
             let Dual { value, partials } = quantities.value[QUANTITIES - 1];
             (mu, mu_slope, d_mu) = (mu + w * value, mu_slope + w * partials[0], d_mu + dw * value);
         }

@@ -8,7 +8,7 @@
 
 use crate::error::FitError;
 use glam::DVec3;
-use palpate_body::law::{AtDepth, Monomials, QUANTITIES, coupled};
+use palpate_body::law::{AtDepth, QUANTITIES, coupled_alone};
 use palpate_body::{Curve, Extension, Potential};
 
 /// The force on the body at one deflection, in a test point's frame.
@@ -284,12 +284,11 @@ impl Problem {
     /// f_z and ∂W/∂ξ as forms.
     fn gradient(&self, depth: f64, xi: [f64; 2]) -> [Row; 3] {
         let (interval, u) = self.locate(depth);
-        let monomials = Monomials::new(xi, self.range);
         let mut rows: [Row; 3] = Default::default();
         for quantity in 0..UNKNOWN {
             let [value, slope, _] = self.quantity(quantity, interval, u);
             let one = |q: usize| std::array::from_fn(|i| if i == q { 1.0 } else { 0.0 });
-            let law = coupled(&AtDepth { value: one(quantity), slope: one(quantity) }, &monomials);
+            let law = coupled_alone(&AtDepth { value: one(quantity), slope: one(quantity) }, xi, self.range);
             rows[0].extend(slope.iter().map(|(i, x)| (*i, x * law.normal)));
             for (row, force) in rows[1..].iter_mut().zip(law.lateral) {
                 row.extend(value.iter().map(|(i, x)| (*i, x * force)));
