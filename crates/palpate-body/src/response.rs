@@ -119,19 +119,12 @@ impl Knots {
 pub struct Rows<'a, const N: usize> {
     /// Which of the knots' intervals.
     pub(crate) interval: Interval,
-    points: [u32; 3],
     rows: [&'a [f64; N]; 3],
 }
 
 impl<const N: usize> Rows<'_, N> {
     /// Rows that hold nowhere: to be looked up before the first mix.
-    pub const NONE: Self = Rows { interval: Interval::NONE, points: [u32::MAX; 3], rows: [&[0.0; N]; 3] };
-
-    /// Whose they are, once they were looked up.
-    #[inline]
-    pub fn points(&self) -> Option<[u32; 3]> {
-        (self.points != [u32::MAX; 3]).then_some(self.points)
-    }
+    pub const NONE: Self = Rows { interval: Interval::NONE, rows: [&[0.0; N]; 3] };
 
     /// Whether a deflection lies in this interval.
     #[inline]
@@ -376,7 +369,7 @@ fn rows<'a, const N: usize>(knots: &Knots, table: &'a [[f64; N]], points: [u32; 
     let interval = knots.interval(x);
     let columns = knots.knots.len();
     let row = |point: u32| table.get(point as usize * columns + interval.index).unwrap_or(&[0.0; N]);
-    Rows { interval, points, rows: points.map(row) }
+    Rows { interval, rows: points.map(row) }
 }
 
 impl Sample {

@@ -344,19 +344,19 @@ impl Contact {
                 return self.untouched(step.flags);
             }
         };
-        let (before, held) = (self.energy, at);
+        let waiting = matches!(self.state, State::Waiting { .. });
+        let before = (waiting || new.is_some()).then_some((at, self.energy));
         let mut site = Site::<L>::new(step.body, self.law, at.element);
         let mut field = self.stick(&mut site, at, step.tip);
         let (mut end, mut drive) = self.slip::<L, R>(&mut site, &mut at, &mut field, step);
-        if matches!(self.state, State::Waiting { .. }) && end != End::Fenced && end != End::Border {
-            let from = (held, before);
+        if let Some(from) = before.filter(|_| waiting && end != End::Fenced && end != End::Border) {
             (end, drive) = self.catch_up::<L, R>(from, &mut site, &mut at, &mut field, (end, drive), step);
         }
         if field.depth > 0.0 && end != End::Border {
             step.flags.set(Flags::ONSET, new.is_some());
             return self.answer(at, &field, end, &drive, step);
         }
-        let new = new.map(|guess| (before, guess));
+        let new = new.zip(before).map(|(guess, (_, energy))| (energy, guess));
         self.leave::<L, R>(step, at, &field, end, new)
     }
 
@@ -463,7 +463,7 @@ impl Contact {
 
     /// Stage 3: the contact point moves with the tool held, until the lateral force is within the friction limit. Returns
     /// how that ended, and the drive there.
-    #[inline]
+    #[inline(always)]
     fn slip<L: Lateral, R: Rule>(
         &mut self,
         site: &mut Site<L>,
@@ -475,6 +475,19 @@ impl Contact {
         if slip::within(&drive, field) {
             return (End::Settled, drive);
         }
+        self.slide::<L, R>(site, at, field, drive, step)
+    }
+
+    /// Stage 3 where the drive is beyond the limit.
+    #[inline]
+    fn slide<L: Lateral, R: Rule>(
+        &mut self,
+        site: &mut Site<L>,
+        at: &mut SurfacePoint,
+        field: &mut Field,
+        drive: Drive,
+        step: &mut Step,
+    ) -> (End, Drive) {
         let start = *at;
         let (pace, budget) = (&mut self.guess.pace, &mut step.budget);
         let (end, drive) = slip::slip::<L, R>(site, at, field, drive, step.tip, pace, budget);

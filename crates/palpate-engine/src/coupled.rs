@@ -113,7 +113,12 @@ impl Lateral for Coupled {
     }
 
     #[inline]
-    fn go_over<'a>(points: &mut Self::Element<'a>, model: &'a ContactModel, _: u32, nodes: [&'a Node; 3]) {
+    fn go_over<'a>(
+        points: &mut Self::Element<'a>,
+        model: &'a ContactModel,
+        _: u32,
+        [_, nodes]: [[&'a Node; 3]; 2],
+    ) {
         *points = PointsOfElement::of(model, nodes);
     }
 
@@ -188,6 +193,7 @@ impl Lateral for Coupled {
         &self,
         points: &Self::Element<'a>,
         model: &'a ContactModel,
+        _: [&Node; 3],
         f: &Field,
     ) -> CoupledEnergies<'a> {
         let [a, b, c, ..] = points.points;

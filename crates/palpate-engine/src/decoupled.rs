@@ -162,13 +162,13 @@ impl<M: Metric> Lateral for M {
         curves: &mut Self::Element<'a>,
         model: &'a ContactModel,
         element: u32,
-        nodes: [&'a Node; 3],
+        [before, nodes]: [[&'a Node; 3]; 2],
     ) {
-        let held = curves.depth.points();
+        let held = curves.mix.points(before);
         curves.tensors = M::nodes(model, element);
-        let (before, mix) = (curves.mix, Mix::of(nodes));
+        let (was, mix) = (curves.mix, Mix::of(nodes));
         curves.mix = mix;
-        if before != Mix::Shared || mix != Mix::Shared || held != Some(mix.points(nodes)) {
+        if was != Mix::Shared || mix != Mix::Shared || held != mix.points(nodes) {
             (curves.depth, curves.lateral) = (Rows::NONE, Rows::NONE);
         }
     }
@@ -243,10 +243,11 @@ impl<M: Metric> Lateral for M {
         &self,
         curves: &Self::Element<'a>,
         model: &'a ContactModel,
+        nodes: [&Node; 3],
         f: &Field,
     ) -> DecoupledEnergies<'a> {
         let strain = curves.strain(model, f.depth, self.rho(f));
-        let shared = (curves.mix == Mix::Shared).then(|| curves.depth.points()).flatten();
+        let shared = (curves.mix == Mix::Shared).then(|| curves.mix.points(nodes));
         DecoupledEnergies { strain, known: shared.map_or(Known::NONE, |points| strain.known(points)) }
     }
 

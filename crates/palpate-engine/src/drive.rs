@@ -166,7 +166,7 @@ fn reaction<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> DVec3 {
     let u = f.u();
     let mut sum = Vec3A::ZERO;
     if site.law.interpolates_responses() {
-        let energies = site.stretch.energies(&site.coefficients, site.body, f);
+        let energies = site.stretch.energies(&site.coefficients, site.body, site.nodes, f);
         let tensors = site.stretch.tensor_gradient(f);
         let (single, nodes) = (u.as_vec3a(), site.nodes);
         let one = |number: u32, node: &Node| {

@@ -142,9 +142,10 @@ impl<'a, L: Lateral> Site<'a, L> {
     /// Another element; what was looked up stays where it mixes the same test points.
     #[inline]
     pub fn move_to(&mut self, element: u32) {
+        let before = self.nodes;
         self.element = element;
         self.nodes = self.body.element_nodes(element);
-        L::go_over(&mut self.coefficients, self.body, element, self.nodes);
+        L::go_over(&mut self.coefficients, self.body, element, [before, self.nodes]);
     }
 
     /// Corner positions, m.

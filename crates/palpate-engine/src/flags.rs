@@ -82,6 +82,12 @@ impl Flags {
         self.0 & flags.0 != 0
     }
 
+    /// Whether nothing happened but that the tool touches, or slips.
+    #[inline]
+    pub(crate) fn is_plain(self) -> bool {
+        self.0 & !(Self::IN_CONTACT.0 | Self::SLIPPING.0) == 0
+    }
+
     /// As bits.
     #[inline]
     pub fn bits(self) -> u32 {

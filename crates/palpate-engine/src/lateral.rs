@@ -23,12 +23,12 @@ pub(crate) trait Lateral: Copy + Default {
     /// Of an element.
     fn element<'a>(model: &'a ContactModel, element: u32, nodes: [&'a Node; 3]) -> Self::Element<'a>;
 
-    /// Of another one.
+    /// Of another one: `nodes` are those before and now.
     fn go_over<'a>(
         coefficients: &mut Self::Element<'a>,
         model: &'a ContactModel,
         element: u32,
-        nodes: [&'a Node; 3],
+        nodes: [[&'a Node; 3]; 2],
     );
 
     /// The law at a deflection; `n` mixes the nodes.
@@ -66,6 +66,7 @@ pub(crate) trait Lateral: Copy + Default {
         &self,
         coefficients: &Self::Element<'a>,
         model: &'a ContactModel,
+        nodes: [&Node; 3],
         f: &Field,
     ) -> Self::Energies<'a>;
 

@@ -27,10 +27,10 @@ impl ToolState {
     /// The position, if all of the state can be used: the step's input choke point.
     pub(crate) fn accept(&self) -> Option<DVec3> {
         let [w, x, y, z] = self.orientation;
-        let length = (w * w + x * x + y * y + z * z).sqrt();
+        let square = w * w + x * x + y * y + z * z;
         // False of a NaN too.
         let usable =
-            self.position_m.iter().all(|x| x.abs() <= FARTHEST) && (length - 1.0).abs() <= NEARLY_UNIT;
+            self.position_m.iter().all(|x| x.abs() <= FARTHEST) && (square - 1.0).abs() <= 2.0 * NEARLY_UNIT;
         usable.then_some(DVec3::from_array(self.position_m))
     }
 }
@@ -140,6 +140,11 @@ impl Counters {
     /// A step that ended with these flags.
     #[inline]
     pub(crate) fn count(&mut self, flags: Flags) {
+        // Mostly it is one of these two alone.
+        if flags.is_plain() {
+            self.slips += u64::from(flags.has(Flags::SLIPPING));
+            return;
+        }
         for (count, flag) in [
             (&mut self.onsets, Flags::ONSET),
             (&mut self.slips, Flags::SLIPPING),
