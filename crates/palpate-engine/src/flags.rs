@@ -59,6 +59,11 @@ impl Flags {
         ("other_body", Self::OTHER_BODY),
     ];
 
+    /// All but these two.
+    pub(crate) const fn all_but(one: Self, other: Self) -> Self {
+        Self(((1 << Self::NAMED.len()) - 1) & !one.0 & !other.0)
+    }
+
     /// Adds `flags` if they `happened`.
     #[inline]
     pub(crate) fn set(&mut self, flags: Self, happened: bool) {
