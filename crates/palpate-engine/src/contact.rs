@@ -1,16 +1,16 @@
 //! One contact: its life, and the stages of a step (MODEL 3).
 //!
-//! | state | tool | force | where it goes from here |
-//! |---|---|---|---|
-//! | `Unknown` | no pose so far | none | to what is found at the first pose, but never to a contact |
-//! | `Free` | outside; nothing within its reach | none | wherever a step ends |
-//! | `Hovering` | within reach of facets, but δz ≤ 0 | none | wherever a step ends |
-//! | `Touching` | δz > 0 | yes | wherever a step ends; back to `Free` or `Hovering` is a release |
-//! | `Waiting` | touching, c held at a patch's boundary, or still behind | yes, cut to the friction limit | as `Touching` |
-//! | `Inside` | inside, but not through the surface; or slid off over the border | none | `Free` or `Hovering`, never to a contact |
+//! | state | a step finds: nothing within reach | facets within reach, δz ≤ 0 | δz > 0 | c held at a patch's boundary | c over the border |
+//! |---|---|---|---|---|---|
+//! | `Unknown`: no pose so far | `Free` | `Hovering` | `Inside` | – | – |
+//! | `Free`: outside | `Free` | `Hovering` | `Touching` (onset) | `Waiting` (onset) | `Free`, or `Inside` |
+//! | `Hovering`: near, no force | `Free` | `Hovering` | `Touching` (onset) | `Waiting` (onset) | `Free`, or `Inside` |
+//! | `Touching`: the force | `Free` (released) | `Hovering` (released) | `Touching` | `Waiting` | `Free`, or `Inside` (released) |
+//! | `Waiting`: the force, cut to the friction limit | as `Touching` | as `Touching` | `Touching`, once c has caught up | `Waiting` | as `Touching` |
+//! | `Inside`: not through the surface, no force | `Free` | `Hovering` | `Inside` | – | – |
 //!
-//! Where a step ends ([`Found`], and [`State::after`] for what follows): δz is read where the contact point came to rest.
-//! It is that of the last step, or else the first touch on the tool's way. If there is no depth at its end, that contact
+//! [`Found`] is a column, [`State::after`] what follows from it. δz is read where the contact point came to rest.
+//! The contact point is that of the last step, or else the first touch on the tool's way. If there is no depth at its end, that contact
 //! has ended, or come to nothing, and what else lies on the way is tried ([`Contact::leave`]): where the straight way from
 //! there to the tool enters the surface, and then the nearest place at its end. A contact that comes to nothing leaves no
 //! trace: not in the ledger, the counters or the next search's first guess.
@@ -395,12 +395,7 @@ impl Contact {
         }
         step.from = from;
         let nearest = step.nearest()?;
-        if nearest.outside && nearest.distance >= radius {
-            let clear = self.clear(nearest.distance);
-            self.state = State::after(Found::Clear { clear, near: nearest.at.element }, tip);
-            return None;
-        }
-        Some(nearest.at)
+        if self.is_clear(step, &nearest) { None } else { Some(nearest.at) }
     }
 
     /// How far from touch a tool is whose distance from the surface is at least this.
@@ -413,28 +408,41 @@ impl Contact {
     #[cold]
     #[inline(never)]
     fn look_around<L: Lateral, R: Rule>(&mut self, step: &mut Step) -> bool {
-        let (body, tip) = (step.body, step.tip);
         let Some(nearest) = step.nearest() else { return false };
-        let (near, outward) = (nearest.at.element, body.outward(nearest.at.element));
-        let gap = if nearest.outside { nearest.distance } else { -nearest.distance } - self.law.radius_m;
-        if gap >= -ON_SURFACE {
-            // On the surface up to rounding: then from a hair above it, so that the next segment crosses it whole.
-            let tip = if nearest.outside { tip } else { tip + outward * (2.0 * ON_SURFACE) };
-            self.state = State::Free { tip, asked_at: step.tip, clear: 0.0, near };
+        if self.is_clear(step, &nearest) {
             return false;
         }
-        let (mut site, mut at) = (Site::<L>::new(body, self.law, near), nearest.at);
+        let near = nearest.at.element;
+        let (mut site, mut at) = (Site::<L>::new(step.body, self.law, near), nearest.at);
         step.budget.evaluate();
-        let mut field = site.evaluate(at.n, tip);
+        let mut field = site.evaluate(at.n, step.tip);
         let (kept, flags) = (self.kept(), step.flags);
         let (end, _) = self.slip::<L, R>(&mut site, &mut at, &mut field, step);
         self.restore(kept);
         step.flags = flags;
         let inside = field.depth > 0.0 || end == End::Border;
         // Inside stays inside until the tip has been as far as the surface.
-        let found = if inside { Found::Under { clear: gap.abs() } } else { Found::Near { near } };
-        self.state = State::after(found, tip);
+        let clear = (self.law.radius_m - signed(&nearest)).abs();
+        let found = if inside { Found::Under { clear } } else { Found::Near { near } };
+        self.state = State::after(found, step.tip);
         inside
+    }
+
+    /// Whether the tool is outside and nothing is within its reach, as its nearest surface point tells: it is free then.
+    fn is_clear(&mut self, step: &Step, nearest: &Nearest) -> bool {
+        let near = nearest.at.element;
+        if signed(nearest) - self.law.radius_m < -ON_SURFACE {
+            return false;
+        }
+        let clear = self.clear(nearest.distance);
+        self.state = State::after(Found::Clear { clear, near }, step.tip);
+        if let State::Free { tip, .. } = &mut self.state
+            && !nearest.outside
+        {
+            // On the surface up to rounding: from a hair above it, so that the next segment crosses it whole.
+            *tip += step.body.outward(near) * (2.0 * ON_SURFACE);
+        }
+        true
     }
 
     /// A sphere's first touch is where the nearest point is at its radius, but the frame there is the interpolated
@@ -612,7 +620,7 @@ impl Contact {
         end: End,
         new: Option<(Ledger, Guess)>,
     ) -> Output {
-        let (body, tip, radius) = (step.body, step.tip, self.law.radius_m);
+        let (body, tip) = (step.body, step.tip);
         match new {
             Some(kept) => {
                 self.restore(kept);
@@ -643,18 +651,13 @@ impl Contact {
                 Err(rest) => start = rest,
             }
         }
-        let inside = !nearest.outside && nearest.distance > ON_SURFACE;
-        let near = nearest.at.element;
-        if !inside && nearest.distance >= radius {
-            let out = if nearest.outside { DVec3::ZERO } else { body.outward(near) * (2.0 * ON_SURFACE) };
-            self.state =
-                State::Free { tip: tip + out, asked_at: tip, clear: self.clear(nearest.distance), near };
+        if self.is_clear(step, &nearest) {
             return self.untouched(step.flags);
         }
         if let Ok(output) = self.try_at::<L, R>(step, nearest.at) {
             return output;
         }
-        self.state = State::after(Found::Near { near }, tip);
+        self.state = State::after(Found::Near { near: nearest.at.element }, tip);
         self.untouched(step.flags)
     }
 
@@ -743,6 +746,11 @@ impl Contact {
     fn untouched(&self, flags: Flags) -> Output {
         Output { flags, energy: self.energy, ..Output::default() }
     }
+}
+
+/// How far outside the surface, m; negative inside.
+fn signed(nearest: &Nearest) -> f64 {
+    if nearest.outside { nearest.distance } else { -nearest.distance }
 }
 
 /// What is taken from the force where the contact point could not go on, N: what the slip rule bounds is cut to the limit,

@@ -64,6 +64,11 @@ impl Flags {
         ("held_back", Self::HELD_BACK),
     ];
 
+    /// All but these two.
+    pub(crate) const fn all_but(one: Self, other: Self) -> Self {
+        Self(((1 << Self::NAMED.len()) - 1) & !one.0 & !other.0)
+    }
+
     /// Adds `flags` if they `happened`.
     #[inline]
     pub(crate) fn set(&mut self, flags: Self, happened: bool) {
@@ -80,12 +85,6 @@ impl Flags {
     #[inline]
     pub fn has(self, flags: Self) -> bool {
         self.0 & flags.0 != 0
-    }
-
-    /// Whether nothing happened but that the tool touches, or slips.
-    #[inline]
-    pub(crate) fn is_plain(self) -> bool {
-        self.0 & !(Self::IN_CONTACT.0 | Self::SLIPPING.0) == 0
     }
 
     /// As bits.

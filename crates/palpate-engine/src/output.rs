@@ -138,16 +138,19 @@ pub struct Counters {
 
 impl Counters {
     /// A step that ended with these flags.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn count(&mut self, flags: Flags) {
-        // Mostly it is one of these two alone.
-        if flags.is_plain() {
-            self.slips += u64::from(flags.has(Flags::SLIPPING));
-            return;
+        self.slips += u64::from(flags.has(Flags::SLIPPING));
+        if flags.has(RARE) {
+            self.count_rare(flags);
         }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn count_rare(&mut self, flags: Flags) {
         for (count, flag) in [
             (&mut self.onsets, Flags::ONSET),
-            (&mut self.slips, Flags::SLIPPING),
             (&mut self.blocked, Flags::BLOCKED),
             (&mut self.fenced, Flags::FENCED),
             (&mut self.capped, Flags::CAPPED),
@@ -161,6 +164,9 @@ impl Counters {
         }
     }
 }
+
+/// What a step that only sticks or slides does not have.
+const RARE: Flags = Flags::all_but(Flags::IN_CONTACT, Flags::SLIPPING);
 
 /// One sample of what a device renders.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

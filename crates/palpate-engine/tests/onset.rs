@@ -183,11 +183,10 @@ fn free_space_asks_the_surface_only_when_the_clearance_is_used_up() {
     let body = uniform(&ellipsoid(DVec3::splat(0.03), 3), 600.0, 500.0, 0.3);
     let mut contact = Contact::new(&body);
     let queries = |contact: &Contact| contact.counters().queries;
-    // The clearance at 50 mm is at least 0.7 × 20 mm, and known after the second pose; walking around within it asks nothing.
-    step(&mut contact, &body, DVec3::new(0.0, 0.0, 0.05));
+    // The clearance at 50 mm is 20 mm; walking around within it asks nothing.
     step(&mut contact, &body, DVec3::new(0.0, 0.0, 0.05));
     let before = queries(&contact);
-    assert_eq!(before, 3);
+    assert_eq!(before, 1);
     for i in 0..1000 {
         let a = f64::from(i) * 0.05;
         let p = DVec3::new(0.009 * libm::cos(a), 0.009 * libm::sin(a), 0.052);
@@ -195,11 +194,11 @@ fn free_space_asks_the_surface_only_when_the_clearance_is_used_up() {
     }
     assert_eq!(queries(&contact), before);
     // Beyond it, again and again: two a time, and far fewer times than there are steps.
-    for i in 0..2190 {
-        step(&mut contact, &body, DVec3::new(0.0, 0.0, 0.052 - 1e-5 * f64::from(i)));
+    for i in 0..4990 {
+        step(&mut contact, &body, DVec3::new(0.0, 0.0, 0.08 - 1e-5 * f64::from(i)));
     }
     let asked = queries(&contact) - before;
-    assert!((6..30).contains(&asked), "{asked}");
+    assert!((8..30).contains(&asked), "{asked}");
     // In contact nothing is asked.
     assert!(step(&mut contact, &body, DVec3::new(0.0, 0.0, 0.029)).flags.has(Flags::ONSET));
     let before = queries(&contact);
