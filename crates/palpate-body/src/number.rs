@@ -95,6 +95,7 @@ impl<T: Number, const N: usize> Sub for Dual<T, N> {
 impl<T: Number, const N: usize> Mul for Dual<T, N> {
     type Output = Self;
     #[inline]
+    #[allow(clippy::suspicious_arithmetic_impl, reason = "the product rule adds")]
     fn mul(self, other: Self) -> Self {
         let (x, y) = (self.value, other.value);
         self.zip(other, x * y, |dx, dy| dx * y + x * dy)
