@@ -77,7 +77,8 @@ fn search(of: &Interval, range: f64, margin: f64) -> Result<(), (f64, Option<[f6
         for (u, t, rho) in (0..27).map(|i| (u[i % 3], t[i / 3 % 3], rho[i / 9])) {
             let reach = range / (1.0 + t * t).sqrt();
             let rho = rho.clamp(-reach, reach);
-            if !(least_ordinate(of, &[[u, u], [t, t], [rho, rho]], margin) > 0.0) {
+            let grows = least_ordinate(of, &[[u, u], [t, t], [rho, rho]], margin) > 0.0;
+            if !grows {
                 return Err((u, Some([t, rho])));
             }
         }

@@ -95,6 +95,7 @@ impl<T: Number, const N: usize> Sub for Dual<T, N> {
 impl<T: Number, const N: usize> Mul for Dual<T, N> {
     type Output = Self;
     #[inline]
+    #[allow(clippy::suspicious_arithmetic_impl, reason = "the product rule adds")]
     fn mul(self, other: Self) -> Self {
         let (x, y) = (self.value, other.value);
         let product_rule = |dx: T, dy: T| Add::add(dx * y, x * dy);

@@ -101,39 +101,56 @@ fn eigenvalues([a, b, c]: [f64; 3]) -> [f64; 2] {
     [mean - off, mean + off]
 }
 
-/// The greatest eigenvalue of W's Hessian while |ξ| ≤ r, for quantities whose value and first two derivatives lie in the hulls of
+/// The greatest sizes of a potential's quantities, or of their derivatives, in the hull of some ordinates.
+struct Sizes {
+    press: f64,
+    offset: f64,
+    /// Of K's eigenvalues, and of their magnitudes.
+    stiffest: f64,
+    stiffness: f64,
+    /// Of the symmetric tensor of third order, whose mixed components are C/3, three times each.
+    cubic: f64,
+    /// Of Q's magnitude, and of Q where it is above 0.
+    quartic: f64,
+    growing: f64,
+}
+
+impl Sizes {
+    /// They are convex in the ordinates, and so greatest at one of them.
+    fn of<const N: usize>(
+        quantities: &[Derivatives; QUANTITIES],
+        ordinates: impl Fn(&Derivatives) -> [f64; N],
+    ) -> Self {
+        let quantities = quantities.each_ref().map(ordinates);
+        let most = |size: fn([f64; QUANTITIES]) -> f64| {
+            (0..N).map(|i| size(quantities.map(|q| q[i]))).fold(f64::NEG_INFINITY, f64::max)
+        };
+        Sizes {
+            press: most(|[f, ..]| f),
+            offset: most(|[_, b1, b2, ..]| b1.hypot(b2)),
+            stiffest: most(|[_, _, _, k1, k2, k3, ..]| eigenvalues([k1, k2, k3])[1]),
+            stiffness: most(|[_, _, _, k1, k2, k3, ..]| {
+                let [low, high] = eigenvalues([k1, k2, k3]);
+                low.abs().max(high.abs())
+            }),
+            cubic: most(|[_, _, _, _, _, _, a, b, c, d, ..]| (a * a + (b * b + c * c) / 3.0 + d * d).sqrt()),
+            quartic: most(|[.., q, _]| q.abs()),
+            growing: most(|[.., q, _]| q.max(0.0)),
+        }
+    }
+}
+
+/// The greatest eigenvalue of W's Hessian while |ξ| ≤ r, for quantities that lie with their first two derivatives in the hulls of
 /// these ordinates.
 fn hessian_bound(quantities: &[Derivatives; QUANTITIES], r: f64) -> f64 {
-    let [f, b1, b2, k1, k2, k3, c1, c2, c3, c4, q, _] = quantities;
-    // What is convex in the ordinates is greatest at one of them.
-    let most = |of: fn(&Derivatives) -> &[f64], size: &dyn Fn(&dyn Fn(&Derivatives) -> f64) -> f64| {
-        (0..of(f).len()).map(|i| size(&|d| of(d)[i])).fold(f64::NEG_INFINITY, f64::max)
-    };
-    type At<'a> = &'a dyn Fn(&Derivatives) -> f64;
-    let press = |at: At| at(f);
-    let offset = |at: At| at(b1).hypot(at(b2));
-    let stiffness = |at: At| eigenvalues([at(k1), at(k2), at(k3)])[1];
-    let turned = |at: At| eigenvalues([at(k1), at(k2), at(k3)]).map(f64::abs).into_iter().fold(0.0, f64::max);
-    // Of the symmetric tensor of third order, whose mixed components are C/3, three times each.
-    let cubic = |at: At| (at(c1).powi(2) + (at(c2).powi(2) + at(c3).powi(2)) / 3.0 + at(c4).powi(2)).sqrt();
-    let quartic = |at: At| at(q).abs();
-    let growing = |at: At| at(q).max(0.0);
-    let (value, slope, bend): (
-        fn(&Derivatives) -> &[f64],
-        fn(&Derivatives) -> &[f64],
-        fn(&Derivatives) -> &[f64],
-    ) = (|d| &d.value, |d| &d.slope, |d| &d.bend);
+    let value = Sizes::of(quantities, |d| d.value);
+    let slope = Sizes::of(quantities, |d| d.slope);
+    let bend = Sizes::of(quantities, |d| d.bend);
     let (r2, r3, r4) = (r * r, r * r * r, r * r * r * r);
-    let normal = most(bend, &press)
-        + most(bend, &offset) * r
-        + 0.5 * most(bend, &turned) * r2
-        + most(bend, &cubic) * r3
-        + most(bend, &quartic) * r4;
-    let across = most(slope, &offset)
-        + most(slope, &turned) * r
-        + 3.0 * most(slope, &cubic) * r2
-        + 4.0 * most(slope, &quartic) * r3;
-    let lateral = most(value, &stiffness) + 6.0 * most(value, &cubic) * r + 12.0 * most(value, &growing) * r2;
+    let normal =
+        bend.press + bend.offset * r + 0.5 * bend.stiffness * r2 + bend.cubic * r3 + bend.quartic * r4;
+    let across = slope.offset + slope.stiffness * r + 3.0 * slope.cubic * r2 + 4.0 * slope.quartic * r3;
+    let lateral = value.stiffest + 6.0 * value.cubic * r + 12.0 * value.growing * r2;
     eigenvalues([normal, across, lateral])[1]
 }
 
@@ -181,7 +198,7 @@ impl Potential {
         }
         self.check_press()?;
         self.check_growth(range_m)?;
-        if !(self.friction.least_value() >= 0.0) {
+        if self.friction.least_value() < 0.0 {
             return Err(("its friction coefficient is negative somewhere".into(), "give 0 or more"));
         }
         Ok(())
@@ -196,7 +213,7 @@ impl Potential {
             [(k[0], bend(b[0], b[1], b[2])), (k[1], bend(b[1], b[2], b[3]))]
         });
         let steepest = bends.clone().fold(0.0f64, |most, (_, bend)| most.max(bend.abs()));
-        match bends.into_iter().find(|(_, bend)| !(*bend >= -TOLERANCE * steepest)) {
+        match bends.into_iter().find(|(_, bend)| *bend < -TOLERANCE * steepest) {
             Some((depth, bend)) => {
                 let problem =
                     format!("the press force F' falls by {:.3} N/m at {:.3} mm", -bend, depth * 1e3);

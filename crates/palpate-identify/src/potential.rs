@@ -169,7 +169,7 @@ fn check(samples: &[ContactSample], options: &PotentialOptions) -> Result<(), Fi
         return Err(FitError::invalid("smoothness", problem, "give a number above 0"));
     }
     let push: f64 = samples.iter().map(|s| s.weight * s.force_n[0]).sum();
-    if !(push > 0.0) {
+    if push <= 0.0 {
         let problem = "their normal forces pull the tool in";
         return Err(FitError::invalid(
             "samples",
@@ -500,7 +500,7 @@ impl Equations {
                     row[j] = (row[j] - sum) / above[j * n + j];
                 } else {
                     let square = row[i] - row[..i].iter().map(|a| a * a).sum::<f64>();
-                    if !(square > 0.0) {
+                    if square.is_nan() || square <= 0.0 {
                         return None;
                     }
                     row[i] = square.sqrt();

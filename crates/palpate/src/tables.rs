@@ -175,7 +175,7 @@ pub fn write_potentials(body: &Body, law: &CoupledLaw, out: &mut dyn Write) -> R
         write!(out, ",{name}{}{unit}", if unit.is_empty() { "" } else { "_" })?;
     }
     for name in QUANTITY_NAMES {
-        write!(out, ",{name}_slope")?;
+        write!(out, ",{name}_slope_per_m")?;
     }
     writeln!(out)?;
     for (t, (potential, &n)) in law.potentials.iter().zip(body.test_point_nodes()).enumerate() {

@@ -4,7 +4,7 @@ use crate::inspect::principals;
 use crate::tables::Figures;
 use anyhow::Result;
 use palpate_body::tensor::Principal;
-use palpate_body::{Body, Node, Potential};
+use palpate_body::{Body, Node};
 use std::io::Write;
 
 /// Puts an array's bytes out.
@@ -59,22 +59,22 @@ pub fn write(body: &Body, elements_hold: &[(&'static str, Vec<f64>)], out: &mut 
             principals[i].axes[0].to_array().to_vec()
         }));
     }
-    let mixed = |potentials: &[Potential], i: usize, at: fn(&Potential) -> f64| {
-        let node: &Node = &nodes[i];
-        let parts = node.test_points.iter().zip(node.weights);
-        // Eigenvalues of a mix in one frame lie within the mixes of theirs.
-        parts.filter_map(|(&t, w)| Some(w * at(potentials.get(t as usize)?))).sum::<f64>()
-    };
     if let Some(law) = body.coupled_law() {
-        let fields: [(&'static str, fn(&Potential) -> f64); 4] = [
-            ("k_least_at_1_mm_n_per_m", |p| p.principal_stiffness(1e-3)[0]),
-            ("k_greatest_at_1_mm_n_per_m", |p| p.principal_stiffness(1e-3)[1]),
-            ("k_least_at_full_depth_n_per_m", |p| p.principal_stiffness(f64::MAX)[0]),
-            ("k_greatest_at_full_depth_n_per_m", |p| p.principal_stiffness(f64::MAX)[1]),
-        ];
-        for (name, at) in fields {
-            let row = move |i| vec![mixed(&law.potentials, i, at)];
-            point_data.push(doubles(name, 1, nodes.len(), row));
+        // The mixes of eigenvalues bound those of the mix.
+        let mixed = move |node: &Node, depth: f64, which: usize| {
+            let parts = node.test_points.iter().zip(node.weights);
+            let of = |(t, w): (&u32, f64)| {
+                Some(w * law.potentials.get(*t as usize)?.principal_stiffness(depth)[which])
+            };
+            parts.filter_map(of).sum::<f64>()
+        };
+        for (name, depth, which) in [
+            ("k_least_at_1_mm_n_per_m", 1e-3, 0),
+            ("k_greatest_at_1_mm_n_per_m", 1e-3, 1),
+            ("k_least_at_full_depth_n_per_m", f64::MAX, 0),
+            ("k_greatest_at_full_depth_n_per_m", f64::MAX, 1),
+        ] {
+            point_data.push(doubles(name, 1, nodes.len(), move |i| vec![mixed(&nodes[i], depth, which)]));
         }
     }
     let points = [doubles("position_m", 3, nodes.len(), move |i| nodes[i].position.to_array().to_vec())];

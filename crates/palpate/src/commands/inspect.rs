@@ -98,6 +98,9 @@ fn text(i: &Inspection) -> String {
         ]
     });
     let rows: Vec<_> = rows.into_iter().chain(coupled).collect();
+    // A coupled law's potentials have a range in place of them.
+    let rows: Vec<_> =
+        rows.into_iter().filter(|(name, _)| i.coupled.is_none() || *name != "lateral knots").collect();
     let width = rows.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
     let mut out: String = rows.iter().map(|(name, value)| format!("{name:<width$}  {value}\n")).collect();
     for (file, digest) in &i.provenance.inputs {

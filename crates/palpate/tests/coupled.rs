@@ -1,0 +1,97 @@
+//! Bodies with a coupled law through the commands.
+
+mod common;
+#[path = "../../palpate-body/tests/support/coupled.rs"]
+mod potentials;
+
+use common::Desk;
+use palpate_body::{Body, BodyParts, CoupledLaw, Potential};
+
+/// A block with a coupled law of 4 test points, `coupled.body`.
+fn desk() -> Desk {
+    let desk = Desk::new(10);
+    let mut parts = Body::open(&desk.path("block.body")).unwrap().parts();
+    let nodes = parts.surface.inward_normals().to_vec();
+    let potential = |n: u32| {
+        let u = nodes[n as usize];
+        let t1 = u.any_orthonormal_vector();
+        Potential { tangents: [t1, u.cross(t1)], ..potentials::potential(u64::from(n), 0.3) }
+    };
+    parts.test_point_nodes = vec![0, 5, 10, 15];
+    let law = CoupledLaw {
+        range_m: potentials::RANGE,
+        potentials: parts.test_point_nodes.iter().map(|&n| potential(n)).collect(),
+    };
+    for (n, mix) in parts.mixes.iter_mut().enumerate() {
+        let first = n as u32 % 4;
+        (mix.test_points, mix.weights) = ([first, (first + 1) % 4, first], [0.75, 0.25, 0.0]);
+    }
+    let body = Body::new(BodyParts { responses: Vec::new(), coupled: Some(law), ..parts }).unwrap();
+    body.save(&desk.path("coupled.body")).unwrap();
+    desk
+}
+
+#[test]
+fn inspect_tells_the_law() {
+    let desk = desk();
+    let output = desk.done("inspect coupled.body --json --plots pictures");
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&found["law"], &found["test_points"]), (&"coupled".into(), &4.into()));
+    let [low, high] = [0, 1].map(|i| found["coupled"]["stiffness_n_per_m"][i].as_f64().unwrap());
+    assert!(low > 0.0 && high > low, "{low} {high}");
+    assert_eq!(found["coupled"]["lateral_range_m"].as_f64(), Some(potentials::RANGE));
+    let bounds = found["stiffness_max_n_per_m"].as_array().unwrap();
+    assert_eq!(bounds.len(), potentials::KNOTS.len());
+    assert!(bounds.iter().all(|b| b["value"].as_f64().unwrap() >= low));
+    assert!(bounds.last().unwrap()["value"].as_f64().unwrap() > high);
+    for key in
+        ["largest_normal_force_n", "largest_lateral_force_n", "stiffness_at_full_depth_n_per_m", "friction"]
+    {
+        assert!(found["ranges"][key][0].as_f64().unwrap() > 0.0, "{key}: {}", found["ranges"]);
+    }
+    for picture in ["normal.png", "stiffness.png", "lateral.png"] {
+        assert!(desk.path("pictures").join(picture).exists(), "{picture}");
+    }
+    let text = |args: &str| String::from_utf8(desk.done(args).stdout).unwrap();
+    let (text, decoupled) = (text("inspect coupled.body"), text("inspect block.body"));
+    assert!(text.contains("coupled") && text.contains("K, its eigenvalues"), "{text}");
+    assert!(decoupled.contains("decoupled") && !decoupled.contains("eigenvalues"), "{decoupled}");
+}
+
+#[test]
+fn potentials_are_exported() {
+    let desk = desk();
+    desk.done("export coupled.body --csv tables --vtu coupled.vtu");
+    let text = std::fs::read_to_string(desk.path("tables").join("potentials.csv")).unwrap();
+    let mut rows = text.lines().map(|row| row.split(',').collect::<Vec<_>>());
+    let columns = rows.next().unwrap();
+    let column = |name: &str| columns.iter().position(|c| *c == name).unwrap();
+    let body = Body::open(&desk.path("coupled.body")).unwrap();
+    let law = body.coupled_law().unwrap();
+    let mut count = 0;
+    for row in rows {
+        assert_eq!(row.len(), columns.len());
+        let number = |name| row[column(name)].parse::<f64>().unwrap();
+        let potential = &law.potentials[number("point") as usize];
+        let d = number("depth_m");
+        assert_eq!(number("F_j"), potential.press.value(d));
+        assert_eq!(number("K12_n_per_m"), potential.stiffness[1].value(d));
+        assert_eq!(number("Q_slope_per_m").to_bits(), potential.quartic.slope(d).to_bits());
+        assert_eq!(number("mu"), potential.friction.value(d));
+        assert_eq!(number("t2_y"), potential.tangents[1].y);
+        count += 1;
+    }
+    assert_eq!(count, 4 * (8 * (potentials::KNOTS.len() - 1) + 1));
+    assert!(!desk.path("tables").join("curves.csv").exists());
+    let grid = std::fs::read(desk.path("coupled.vtu")).unwrap();
+    let head = String::from_utf8_lossy(&grid[..8000.min(grid.len())]).into_owned();
+    assert!(head.contains("k_greatest_at_full_depth_n_per_m"), "{head}");
+    let nodes = std::fs::read_to_string(desk.path("tables").join("nodes.csv")).unwrap();
+    assert_eq!(nodes.lines().count(), body.nodes().len() + 1);
+}
+
+#[test]
+fn certificates_say_that_they_are_not_there_yet() {
+    let desk = desk();
+    desk.refused("certify coupled.body", 1, &["coupled potential", "not proved yet"]);
+}
