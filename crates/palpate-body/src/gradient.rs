@@ -194,6 +194,44 @@ pub struct Gradients {
     tensors: Vec<[[f32; 6]; 3]>,
     /// (nodes)
     most: Vec<Most>,
+    /// (nodes × depth knots), of a coupled law.
+    coupled_bounds: Vec<CoupledBound>,
+    /// Depth knots.
+    columns: usize,
+}
+
+/// How large the energy gradient of a node can be in an interval of the depth, with a coupled law: by the degree of its terms in
+/// the lateral deflection, N/mⁿ.
+#[derive(Debug, Clone, Copy, PartialEq, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct CoupledBound([f32; 5]);
+
+impl CoupledBound {
+    /// Of terms with these coefficients in powers of the distance from a knot, up to the distance `h` (m): the ordinates of a
+    /// vector polynomial in Bernstein's form bound it. None past the last knot.
+    fn new(rows: &[[DVec3; TERMS]; 4], h: Option<f64>) -> Self {
+        let Some(h) = h else { return CoupledBound([f32::INFINITY; 5]) };
+        let mut sums = [0.0f64; 5];
+        // ½ξ₁², ξ₁ξ₂ and ½ξ₂² are at most half the square.
+        let share = [(0, 1.0), (1, 1.0), (1, 1.0), (2, 0.5), (2, 0.5), (2, 0.5)];
+        let share = share.into_iter().chain([(3, 1.0); 4]).chain([(4, 1.0)]);
+        for (q, (degree, share)) in share.enumerate() {
+            let [a, b, c, d] = [rows[0][q], rows[1][q] * h, rows[2][q] * (h * h), rows[3][q] * (h * h * h)];
+            let ordinates = [a, a + b / 3.0, a + b * (2.0 / 3.0) + c / 3.0, a + b + c + d];
+            sums[degree] += share * ordinates.iter().map(|o| o.length()).fold(0.0, f64::max);
+        }
+        CoupledBound(sums.map(above))
+    }
+
+    /// At the lateral deflection `r` (m) and its reach, N.
+    ///
+    /// # Real-time
+    /// O(1), never panics.
+    #[inline(always)]
+    pub fn at(&self, r: f64, reach: &Reach<f64>) -> f64 {
+        let [a, b, c, d, e] = self.0.map(f64::from);
+        a + r * (b + r * (c + r * (d * reach.s))) + e * reach.q
+    }
 }
 
 /// How large a node's gradients can be, whatever the deflection: a step need not look at those that can't matter.
@@ -227,6 +265,8 @@ impl Gradients {
             turns: Vec::with_capacity(nodes.len()),
             tensors: Vec::with_capacity(tensors.len()),
             most: Vec::with_capacity(nodes.len()),
+            coupled_bounds: Vec::new(),
+            columns: responses.depth_knots().values().len(),
         };
         let [depth_knots, lateral_knots] =
             [responses.depth_knots(), responses.lateral_knots()].map(|k| k.values().len());
@@ -281,24 +321,23 @@ impl Gradients {
             let norm = |of: &[DVec3]| (of.iter().map(|g| g.length_squared()).sum::<f64>()).sqrt() * per;
             // Six components stand for nine: those off the diagonal count twice.
             gradients.most.push(Most {
-                energy: if model.is_coupled() && !sum.is_empty() {
-                    // A potential may vanish where its neighbours' do not.
-                    f32::INFINITY
-                } else {
-                    above(steepest(&sum, node, curves) * per)
-                },
+                energy: above(steepest(&sum, node, curves) * per),
                 turn: above(norm(&turn)),
                 tensor: above(norm(&change).hypot(norm(&change[3..]))),
             });
-            if sum.len() > MAX_TERMS {
+            let scaled = sum.len() > MAX_TERMS;
+            if scaled {
                 sum.iter_mut().for_each(|(_, g)| *g *= per);
                 let reference = node.test_points[0];
                 let rows_before = gradients.depth_rows.len().max(gradients.coupled_rows.len());
                 let start = (rows_before / depth_knots) as u32;
                 gradients.places.push(Place { start, count: CURVES });
                 if model.is_coupled() {
-                    let rows = coupled_rows(&sum, reference, depth_knots, potentials);
-                    gradients.coupled_rows.extend(rows);
+                    let rows = coupled_terms(&sum, reference, depth_knots, potentials);
+                    let single = |rows: [[DVec3; TERMS]; 4]| {
+                        rows.map(|quantities| quantities.map(|sum| sum.as_vec3().extend(0.0)))
+                    };
+                    gradients.coupled_rows.extend(rows.map(single));
                 } else {
                     let depth = rows(&sum, reference, depth_knots, |t, i| responses.depth_row(t, i));
                     gradients.depth_rows.extend(depth);
@@ -308,6 +347,16 @@ impl Gradients {
             } else {
                 gradients.places.push(Place { start: gradients.terms.len() as u32, count: sum.len() as u32 });
                 gradients.terms.extend(sum.iter().map(|(t, g)| Term { gradient: single(g), test_point: *t }));
+            }
+            if model.is_coupled() {
+                sum.iter_mut().for_each(|(_, g)| *g *= if scaled { 1.0 } else { per });
+                let knots = responses.depth_knots().values();
+                let rows = coupled_terms(&sum, node.test_points[0], depth_knots, potentials);
+                gradients.coupled_bounds.extend(
+                    rows.enumerate().map(|(i, rows)| {
+                        CoupledBound::new(&rows, knots.get(i + 1).map(|next| next - knots[i]))
+                    }),
+                );
             }
             gradients.turns.push(turn.map(|g| (g * per).as_vec3().extend(0.0)));
             if !tensors.is_empty() {
@@ -333,7 +382,18 @@ impl Gradients {
         responses: &Responses,
         renumber: impl Fn(u32) -> u32,
     ) {
-        let Gradients { places, terms, depth_rows, lateral_rows, coupled_rows, turns, tensors, most } = self;
+        let Gradients {
+            places,
+            terms,
+            depth_rows,
+            lateral_rows,
+            coupled_rows,
+            turns,
+            tensors,
+            most,
+            coupled_bounds,
+            columns,
+        } = self;
         places.clear();
         terms.clear();
         depth_rows.clear();
@@ -342,6 +402,8 @@ impl Gradients {
         turns.clear();
         tensors.clear();
         most.clear();
+        coupled_bounds.clear();
+        *columns = from.columns;
         let [depth, lateral] = [responses.depth_knots(), responses.lateral_knots()].map(|k| k.values().len());
         for n in nodes.iter().map(|&n| n as usize) {
             let Place { start, count } = from.places[n];
@@ -363,7 +425,19 @@ impl Gradients {
             turns.push(from.turns[n]);
             tensors.extend(from.tensors.get(n));
             most.push(from.most[n]);
+            if !from.coupled_bounds.is_empty() {
+                coupled_bounds.extend_from_slice(&from.coupled_bounds[n * depth..][..depth]);
+            }
         }
+    }
+
+    /// How large the energy gradient of a node can be in an interval of the depth, with a coupled law.
+    ///
+    /// # Real-time
+    /// O(1), never panics.
+    #[inline]
+    pub fn coupled_bound(&self, node: u32, interval: usize) -> CoupledBound {
+        self.coupled_bounds.get(node as usize * self.columns + interval).copied().unwrap_or_default()
     }
 
     /// How large those of a node can be.
@@ -464,7 +538,7 @@ impl Gradients {
     }
 
     /// Bytes that a step may read.
-    pub(crate) fn memory(&self) -> [&[u8]; 8] {
+    pub(crate) fn memory(&self) -> [&[u8]; 9] {
         [
             bytemuck::cast_slice(&self.places),
             bytemuck::cast_slice(&self.most),
@@ -472,6 +546,7 @@ impl Gradients {
             bytemuck::cast_slice(&self.depth_rows),
             bytemuck::cast_slice(&self.lateral_rows),
             bytemuck::cast_slice(&self.coupled_rows),
+            bytemuck::cast_slice(&self.coupled_bounds),
             bytemuck::cast_slice(&self.turns),
             bytemuck::cast_slice(&self.tensors),
         ]
@@ -577,12 +652,12 @@ fn rows(
 ///
 /// A test point sees δ_t in its own tangents, which are turned a little against the reference's: what is lost by looking at it
 /// in these is of the second order in the angle between their normals.
-fn coupled_rows(
+fn coupled_terms(
     terms: &[(u32, DVec3)],
     reference: u32,
     intervals: usize,
     potentials: &Potentials,
-) -> impl Iterator<Item = CoupledGradient> {
+) -> impl Iterator<Item = [[DVec3; TERMS]; 4]> {
     (0..intervals).map(move |interval| {
         let base = potentials.at(reference, interval);
         let mut sum = [[DVec3::ZERO; TERMS]; 4];
@@ -594,7 +669,7 @@ fn coupled_rows(
                     .for_each(|(sum, (seen, base))| *sum += *g * (seen - base));
             }
         }
-        sum.map(|quantities| quantities.map(|sum| sum.as_vec3().extend(0.0)))
+        sum
     })
 }
 

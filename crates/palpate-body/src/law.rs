@@ -91,13 +91,13 @@ pub struct Coupled<T> {
 /// Beyond its range a potential goes on along each ray by its second-order expansion at the rim, which is conservative, C2, and
 /// as convex along the ray as at the rim. Linear and quadratic terms are their own expansions; with r = |δ_t| and
 /// k = min(1, R/r) the cubic ones are to be taken times s = 1 − (1 − k)³, and r⁴ goes over to q = r⁴ k² (6 − 8k + 3k²).
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct Reach<T> {
     /// s, and s'/r.
-    s: T,
+    pub(crate) s: T,
     ds: T,
     /// q, and q'/r.
-    q: T,
+    pub(crate) q: T,
     dq: T,
 }
 

@@ -411,6 +411,12 @@ impl PotentialAt<'_> {
         self.tangents.map(|t| t.dot(tangential))
     }
 
+    /// The quantities at the distance `t` from the interval's knot. A call of its own, so that they are found two at a time.
+    #[inline(never)]
+    pub fn at_depth(&self, t: f64) -> AtDepth<f64> {
+        at_depth(self.row, t)
+    }
+
     /// W at the distance `t` from the interval's knot, J.
     #[inline]
     pub fn energy(&self, t: f64, tangential: DVec3, reach: &Reach<f64>) -> f64 {

@@ -6,84 +6,57 @@
 
 use crate::drive::Drive;
 use crate::field::{Change, Deflection, Drift, Field, Reading};
-use crate::lateral::{Lateral, NO_DIRECTION};
+use crate::lateral::{Lateral, Mix, NO_DIRECTION};
 use glam::{DMat3, DVec3};
 use palpate_body::law::{QUANTITIES, Reach, at_depth, coupled};
-use palpate_body::{ContactModel, CoupledEnergies, Dual, Interval, Known, Node, PotentialAt};
+use palpate_body::{
+    ContactModel, CoupledEnergies, Dual, Gradients, Interval, Known, Node, PointEnergies, PotentialAt,
+};
 
-/// Test points that an element's nodes mix at most.
-const MOST_POINTS: usize = 9;
-
-/// The potentials of an element's test points, in the interval of δz of the moment.
+/// The potentials that an element mixes, in the interval of δz of the moment; those of its [`Mix::points`] unless it mixes widely.
 #[derive(Clone, Copy)]
 pub(crate) struct PointsOfElement<'a> {
-    /// How many there are.
-    count: usize,
-    points: [u32; MOST_POINTS],
-    /// What each weighs in each of the three nodes.
-    weights: [[f64; 3]; MOST_POINTS],
+    mix: Mix,
     interval: Interval,
-    potentials: [PotentialAt<'a>; MOST_POINTS],
+    potentials: [PotentialAt<'a>; 3],
 }
 
 impl<'a> PointsOfElement<'a> {
-    #[inline]
-    fn of(model: &'a ContactModel, nodes: [&Node; 3]) -> Self {
-        let mut all = PointsOfElement {
-            count: 0,
-            points: [u32::MAX; MOST_POINTS],
-            weights: [[0.0; 3]; MOST_POINTS],
-            interval: Interval::NONE,
-            potentials: [model.potentials().at(u32::MAX, 0); MOST_POINTS],
-        };
-        for (l, node) in nodes.into_iter().enumerate() {
-            for (point, weight) in node.test_points.into_iter().zip(node.weights) {
-                if weight > 0.0 {
-                    all.add(point, l, weight);
-                }
-            }
-        }
-        all
-    }
-
-    #[inline]
-    fn add(&mut self, point: u32, node: usize, weight: f64) {
-        for (i, (known, weights)) in self.points.iter_mut().zip(&mut self.weights).enumerate() {
-            if i == self.count {
-                *known = point;
-                self.count += 1;
-            }
-            if *known == point {
-                if let Some(w) = weights.get_mut(node) {
-                    *w += weight;
-                }
-                return;
-            }
-        }
-    }
-
     /// Looks the potentials up where the depth has left its interval.
-    #[inline]
-    fn look_up(&mut self, model: &'a ContactModel, depth: f64) {
+    #[inline(always)]
+    fn look_up(&mut self, model: &'a ContactModel, nodes: [&Node; 3], depth: f64) {
         if !self.interval.holds(depth) {
             self.interval = model.responses().depth_knots().interval(depth);
             let index = self.interval.index;
-            for (potential, point) in self.potentials.iter_mut().zip(self.points).take(self.count) {
-                *potential = model.potentials().at(point, index);
-            }
+            self.potentials = self.mix.points(nodes).map(|point| model.potentials().at(point, index));
         }
     }
 
-    /// The test points with their weights in the nodes.
-    #[inline]
-    fn each(&self) -> impl Iterator<Item = (&PotentialAt<'a>, &[f64; 3])> {
-        self.potentials.iter().zip(&self.weights).take(self.count)
+    /// Shows every test point that is mixed, with its weights where the area coordinates are each of `n`; and which of the
+    /// [`Mix::points`] it is, or in a wide mix which node's.
+    #[inline(always)]
+    fn each<const N: usize>(
+        &self,
+        model: &'a ContactModel,
+        nodes: [&Node; 3],
+        n: [[f64; 3]; N],
+        mut visit: impl FnMut(&PotentialAt<'a>, [f64; N], usize),
+    ) {
+        if self.mix == Mix::Wide {
+            for (l, node) in nodes.into_iter().enumerate() {
+                let mixed = node.test_points.into_iter().zip(node.weights).filter(|(_, w)| *w != 0.0);
+                for (point, w) in mixed {
+                    let potential = model.potentials().at(point, self.interval.index);
+                    visit(&potential, n.map(|n| n.get(l).copied().unwrap_or(0.0) * w), l);
+                }
+            }
+            return;
+        }
+        let ([a, b, c], weights) = (self.potentials, n.map(|n| self.mix.weights(nodes, n)));
+        visit(&a, weights.map(|w| w[0]), 0);
+        visit(&b, weights.map(|w| w[1]), 1);
+        visit(&c, weights.map(|w| w[2]), 2);
     }
-}
-
-#[inline(always)]
-fn mixed(n: [f64; 3], [a, b, c]: &[f64; 3]) -> f64 {
-    n[0] * a + n[1] * b + n[2] * c
 }
 
 /// What an evaluation of the coupled law leaves.
@@ -91,14 +64,12 @@ fn mixed(n: [f64; 3], [a, b, c]: &[f64; 3]) -> f64 {
 pub(crate) struct Coupled {
     /// δ_t, m.
     deflection: DVec3,
-    /// How δ_t lies to the range.
-    reach: Option<Reach<f64>>,
+    /// How that lies to the range.
+    reach: Reach<f64>,
     /// p = ∂W/∂δ_t, N, in the body's frame.
     gradient: DVec3,
-    /// ∂W/∂n_l of the nodes, J.
-    nodes: [f64; 3],
-    /// Energies of the first three test points, J.
-    first: [f64; 3],
+    /// Energies of the potentials that the element mixes, J.
+    energies: [f64; 3],
 }
 
 impl Lateral for Coupled {
@@ -109,52 +80,53 @@ impl Lateral for Coupled {
 
     #[inline]
     fn element<'a>(model: &'a ContactModel, _: u32, nodes: [&'a Node; 3]) -> Self::Element<'a> {
-        PointsOfElement::of(model, nodes)
+        let nothing = model.potentials().at(u32::MAX, 0);
+        PointsOfElement { mix: Mix::of(nodes), interval: Interval::NONE, potentials: [nothing; 3] }
     }
 
     #[inline]
     fn go_over<'a>(
         points: &mut Self::Element<'a>,
-        model: &'a ContactModel,
+        _: &'a ContactModel,
         _: u32,
-        [_, nodes]: [[&'a Node; 3]; 2],
+        [before, nodes]: [[&'a Node; 3]; 2],
     ) {
-        *points = PointsOfElement::of(model, nodes);
+        let (was, mix) = (points.mix, Mix::of(nodes));
+        points.mix = mix;
+        if was != Mix::Shared || mix != Mix::Shared || was.points(before) != mix.points(nodes) {
+            points.interval = Interval::NONE;
+        }
     }
 
     #[inline(always)]
     fn read<'a>(
         points: &mut Self::Element<'a>,
         model: &'a ContactModel,
-        _: [&'a Node; 3],
+        nodes: [&'a Node; 3],
         n: [f64; 3],
         at: &Deflection,
     ) -> (Self, Reading) {
-        points.look_up(model, at.depth);
+        points.look_up(model, nodes, at.depth);
         let t = points.interval.distance(at.depth);
         let reach = Reach::new(at.lateral * at.lateral, model.potentials().range_m());
         let (mut energy, mut normal, mut friction, mut slope, mut radial) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        let mut left = Coupled { deflection: at.tangential, ..Coupled::default() };
-        let mut first = left.first.iter_mut();
-        for (potential, weights) in points.each() {
-            let (w, quantities) = (mixed(n, weights), at_depth(potential.row, t));
+        let mut left = Coupled { deflection: at.tangential, reach, ..Coupled::default() };
+        points.each(model, nodes, [n], |potential, [w], which| {
+            let quantities = potential.at_depth(t);
             let law = coupled(&quantities, potential.xi(at.tangential), &reach);
-            let [.., q, mu] = quantities.value;
-            let [t1, t2] = potential.tangents;
+            let [_, _, _, k1, _, k2, .., q, mu] = quantities.value;
+            let [t1, t2] = *potential.tangents;
             energy += w * law.energy;
             normal += w * law.normal;
             friction += w * mu;
-            slope +=
-                w * (0.5 * (quantities.value[3] + quantities.value[5]) + 4.0 * q * at.lateral * at.lateral);
+            slope += w * (0.5 * (k1 + k2) + 4.0 * q * at.lateral * at.lateral);
             radial += w * law.radial;
-            left.gradient += (*t1 * law.lateral[0] + *t2 * law.lateral[1]) * w;
-            left.nodes.iter_mut().zip(weights).for_each(|(sum, w)| *sum += w * law.energy);
-            if let Some(slot) = first.next() {
+            left.gradient += t1 * (w * law.lateral[0]) + t2 * (w * law.lateral[1]);
+            if let Some(slot) = left.energies.get_mut(which) {
                 *slot = law.energy;
             }
-        }
+        });
         left.gradient += at.tangential * radial;
-        left.reach = Some(reach);
         let f_t = at.project(left.gradient);
         let pull = f_t.length();
         let u_t = if pull > 0.0 { f_t * (1.0 / pull) } else { DVec3::ZERO };
@@ -183,9 +155,23 @@ impl Lateral for Coupled {
         f.u().dot(self.gradient)
     }
 
-    #[inline(always)]
-    fn node_energies(&self, _: &Self::Element<'_>, _: &ContactModel, _: [&Node; 3], _: &Field) -> [f64; 3] {
-        self.nodes
+    #[inline]
+    fn node_energies(
+        &self,
+        points: &Self::Element<'_>,
+        model: &ContactModel,
+        nodes: [&Node; 3],
+        f: &Field,
+    ) -> [f64; 3] {
+        if points.mix == Mix::Own {
+            return self.energies;
+        }
+        let energies = self.energies(points, model, nodes, f);
+        nodes.map(|node| {
+            let [a, b, c] = node.test_points.map(|t| energies.energy(t));
+            let [x, y, z] = node.weights;
+            x * a + y * b + z * c
+        })
     }
 
     #[inline(always)]
@@ -193,17 +179,31 @@ impl Lateral for Coupled {
         &self,
         points: &Self::Element<'a>,
         model: &'a ContactModel,
-        _: [&Node; 3],
+        nodes: [&Node; 3],
         f: &Field,
     ) -> CoupledEnergies<'a> {
-        let [a, b, c, ..] = points.points;
+        let known = Known { points: points.mix.points(nodes), energies: self.energies };
         CoupledEnergies {
             potentials: model.potentials(),
             depth: (points.interval.index, points.interval.distance(f.depth)),
             tangential: self.deflection,
-            reach: self.reach.unwrap_or_else(|| Reach::new(0.0, 1.0)),
-            known: Known { points: [a, b, c], energies: self.first },
+            reach: self.reach,
+            // A wide mix leaves only the last of each node's.
+            known: if points.mix == Mix::Wide { Known::NONE } else { known },
         }
+    }
+
+    #[inline(always)]
+    fn greatest_gradient(
+        &self,
+        points: &Self::Element<'_>,
+        gradients: &Gradients,
+        nodes: [u32; 3],
+        f: &Field,
+    ) -> f64 {
+        let bounds = nodes.map(|node| gradients.coupled_bound(node, points.interval.index));
+        let [a, b, c] = bounds.map(|bound| bound.at(f.lateral, &self.reach));
+        a.max(b).max(c)
     }
 
     #[inline(always)]
@@ -215,12 +215,12 @@ impl Lateral for Coupled {
         &self,
         points: &mut Self::Element<'a>,
         model: &'a ContactModel,
-        _: [&'a Node; 3],
+        nodes: [&'a Node; 3],
         f: &Field,
         change: &Change,
     ) -> Drift {
         let Change { u, du, d_depth, d_tangential, v, .. } = *change;
-        points.look_up(model, f.depth);
+        points.look_up(model, nodes, f.depth);
         let (t, deflection) = (points.interval.distance(f.depth), self.deflection);
         // Derivatives by δz and by the three directions of space; and the change of what the place mixes.
         let along = |v: DVec3, value: f64| Dual { value, partials: [0.0, v.x, v.y, v.z] };
@@ -230,8 +230,7 @@ impl Lateral for Coupled {
         let (mut hessian_zz, mut hessian_zt, mut hessian_tt) = (0.0, DVec3::ZERO, DMat3::ZERO);
         let (mut mu, mut mu_slope, mut d_mu) = (0.0, 0.0, 0.0);
         let (mut d_normal, mut d_gradient) = (0.0, DVec3::ZERO);
-        for (potential, weights) in points.each() {
-            let (w, dw) = (mixed(change.mixing, weights), mixed(change.along, weights));
+        points.each(model, nodes, [change.mixing, change.along], |potential, [w, dw], _| {
             let [t1, t2] = *potential.tangents;
             let xi = potential.tangents.map(|t| along(t, t.dot(deflection)));
             let quantities = at_depth(potential.row, deep);
@@ -250,7 +249,7 @@ impl Lateral for Coupled {
             d_gradient += (t1 * p.value + t2 * q.value + deflection * radial) * dw;
             let Dual { value, partials } = quantities.value[QUANTITIES - 1];
             (mu, mu_slope, d_mu) = (mu + w * value, mu_slope + w * partials[0], d_mu + dw * value);
-        }
+        });
         d_normal += hessian_zz * d_depth + hessian_zt.dot(d_tangential);
         d_gradient += hessian_zt * d_depth + hessian_tt * d_tangential;
         let p = self.gradient;

@@ -9,48 +9,18 @@
 
 use crate::drive::Drive;
 use crate::field::{Change, Deflection, Drift, Field, Reading};
-use crate::lateral::{Lateral, NO_DIRECTION};
+use crate::lateral::{Lateral, Mix, NO_DIRECTION};
 use glam::DVec3;
 use palpate_body::law::decoupled;
-use palpate_body::{ContactModel, DecoupledEnergies, Known, Node, Rows, Sample, Strain, Tensor, tensor};
+use palpate_body::{
+    ContactModel, DecoupledEnergies, Gradients, Known, Node, Rows, Sample, Strain, Tensor, tensor,
+};
 use std::array::from_fn;
 
 /// Bound on the iterates of [`Lateral::aim`]; mostly none are needed, else two or three.
 const AIMS: u32 = 6;
 /// How near the squared length of a way comes to the one wanted before they begin.
 const NEAR: f64 = 2e-3;
-
-/// Whose curves the element mixes.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Mix {
-    /// Each node is its own test point.
-    Own,
-    /// All nodes mix the same three test points.
-    Shared,
-    /// Up to nine test points: where the element lies across the triangles of test points.
-    Wide,
-}
-
-impl Mix {
-    #[inline]
-    fn of([a, b, c]: [&Node; 3]) -> Self {
-        if a.weights[0] == 1.0 && b.weights[0] == 1.0 && c.weights[0] == 1.0 {
-            Mix::Own
-        } else if a.test_points == b.test_points && a.test_points == c.test_points {
-            Mix::Shared
-        } else {
-            Mix::Wide
-        }
-    }
-
-    #[inline]
-    fn points(self, nodes: [&Node; 3]) -> [u32; 3] {
-        match self {
-            Mix::Own => nodes.map(|n| n.test_points[0]),
-            Mix::Shared | Mix::Wide => nodes[0].test_points,
-        }
-    }
-}
 
 /// The curves that an element mixes, in the intervals of the moment, and its nodes' tensors.
 #[derive(Clone, Copy)]
@@ -62,18 +32,6 @@ pub(crate) struct Curves<'a, T> {
 }
 
 impl<'a, T> Curves<'a, T> {
-    /// Weights of the test points at area coordinates `n`; linear in `n`.
-    #[inline]
-    fn weights(&self, nodes: [&Node; 3], n: [f64; 3]) -> [f64; 3] {
-        match self.mix {
-            Mix::Own => n,
-            Mix::Shared | Mix::Wide => {
-                let [a, b, c] = nodes.map(|n| n.weights);
-                from_fn(|j| n[0] * a[j] + n[1] * b[j] + n[2] * c[j])
-            }
-        }
-    }
-
     /// The mixed intervals of the normal and friction curves and of the lateral curve. `n` mixes the nodes.
     #[inline(always)]
     fn mixed(
@@ -92,7 +50,7 @@ impl<'a, T> Curves<'a, T> {
         if !self.lateral.hold(rho) {
             self.lateral = model.responses().lateral_rows(self.mix.points(nodes), rho);
         }
-        let weights = self.weights(nodes, n);
+        let weights = self.mix.weights(nodes, n);
         (self.depth.mix(weights), self.lateral.mix(weights))
     }
 
@@ -249,6 +207,19 @@ impl<M: Metric> Lateral for M {
         let strain = curves.strain(model, f.depth, self.rho(f));
         let shared = (curves.mix == Mix::Shared).then(|| curves.mix.points(nodes));
         DecoupledEnergies { strain, known: shared.map_or(Known::NONE, |points| strain.known(points)) }
+    }
+
+    #[inline(always)]
+    fn greatest_gradient(
+        &self,
+        _: &Self::Element<'_>,
+        gradients: &Gradients,
+        nodes: [u32; 3],
+        f: &Field,
+    ) -> f64 {
+        // Each node's is beyond its own share of W, n_l W_l ≤ W.
+        let [a, b, c] = nodes.map(|node| gradients.most(node).energy);
+        f64::from(a.max(b).max(c)) * f.energy
     }
 
     #[inline(always)]

@@ -136,8 +136,7 @@ fn greatest<L: Lateral>(site: &mut Site<L>, n: [f64; 3], f: &Field) -> f64 {
     let mixed = |x: f32, y: f32, z: f32| n[0] * f64::from(x) + n[1] * f64::from(y) + n[2] * f64::from(z);
     let mut sum = 0.0;
     if site.law.interpolates_responses() {
-        // Each node's is beyond its own share of W, n_l W_l ≤ W.
-        sum += f64::from(a.energy.max(b.energy).max(c.energy)) * f.energy;
+        sum += site.stretch.greatest_gradient(&site.coefficients, gradients, numbers, f);
         if let Some((deflection, half)) = site.stretch.tensor_gradient(f) {
             sum += mixed(a.tensor, b.tensor, c.tensor) * half * deflection.length_squared();
         }

@@ -4,10 +4,55 @@
 use crate::drive::Drive;
 use crate::field::{Change, Deflection, Drift, Field, Reading};
 use glam::DVec3;
-use palpate_body::{ContactModel, Node, PointEnergies};
+use palpate_body::{ContactModel, Gradients, Node, PointEnergies};
+use std::array::from_fn;
 
 /// Below this the lateral deflection is rounding, and its direction noise, m.
 pub(crate) const NO_DIRECTION: f64 = 1e-12;
+
+/// Whose responses an element mixes.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Mix {
+    /// Each node is its own test point.
+    Own,
+    /// All nodes mix the same three test points.
+    Shared,
+    /// Up to nine test points: where the element lies across the triangles of test points.
+    Wide,
+}
+
+impl Mix {
+    #[inline]
+    pub fn of([a, b, c]: [&Node; 3]) -> Self {
+        if a.weights[0] == 1.0 && b.weights[0] == 1.0 && c.weights[0] == 1.0 {
+            Mix::Own
+        } else if a.test_points == b.test_points && a.test_points == c.test_points {
+            Mix::Shared
+        } else {
+            Mix::Wide
+        }
+    }
+
+    #[inline]
+    pub fn points(self, nodes: [&Node; 3]) -> [u32; 3] {
+        match self {
+            Mix::Own => nodes.map(|n| n.test_points[0]),
+            Mix::Shared | Mix::Wide => nodes[0].test_points,
+        }
+    }
+
+    /// Weights of the [`Mix::points`] at area coordinates `n`; linear in `n`.
+    #[inline]
+    pub fn weights(self, nodes: [&Node; 3], n: [f64; 3]) -> [f64; 3] {
+        match self {
+            Mix::Own => n,
+            Mix::Shared | Mix::Wide => {
+                let [a, b, c] = nodes.map(|n| n.weights);
+                from_fn(|j| n[0] * a[j] + n[1] * b[j] + n[2] * c[j])
+            }
+        }
+    }
+}
 
 /// A kind of force law; a value is what one evaluation knows of it besides its [`Field`].
 pub(crate) trait Lateral: Copy + Default {
@@ -69,6 +114,15 @@ pub(crate) trait Lateral: Copy + Default {
         nodes: [&Node; 3],
         f: &Field,
     ) -> Self::Energies<'a>;
+
+    /// The most that |Σ n_l ∇̄W_l|, of the nodes with these numbers, can be, N; not a number where there is no such bound.
+    fn greatest_gradient(
+        &self,
+        coefficients: &Self::Element<'_>,
+        gradients: &Gradients,
+        nodes: [u32; 3],
+        f: &Field,
+    ) -> f64;
 
     /// What ∂W/∂n_l has besides energies of test points: h d·A_l d, as (d, h); `None` if nothing.
     fn tensor_gradient(&self, f: &Field) -> Option<(DVec3, f64)>;

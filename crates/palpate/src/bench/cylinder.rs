@@ -90,7 +90,7 @@ pub fn coupled_cylinder(triangles: usize, ratio: f64) -> Result<Body> {
         Ok(Potential {
             tangents: [DVec3::Z, u.cross(DVec3::Z)],
             press: Curve::hermite(&knots, &press, &force, Extension::Quadratic)?,
-            offset: [ramp(0.05 * kz * 6.4e-3, 0.0)?, ramp(-0.03 * kz * 6.4e-3, 0.0)?],
+            offset: [ramp(0.02 * kz * 6.4e-3, 0.0)?, ramp(-0.012 * kz * 6.4e-3, 0.0)?],
             stiffness: [ramp(stiff * ratio, 0.5)?, ramp(0.05 * kr, 0.5)?, ramp(stiff, 0.5)?],
             cubic: [ramp(2e3, 0.5)?, ramp(-1e3, 0.5)?, ramp(1e3, 0.5)?, ramp(-2e3, 0.5)?],
             quartic: ramp(2e6, 0.5)?,
