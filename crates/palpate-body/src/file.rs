@@ -340,8 +340,8 @@ impl Body {
                 ("slip", self.slip.name().to_string()),
                 ("provenance", serde_json::to_string(&self.provenance)?),
             ]);
-            if sizes.version() >= 4 {
-                __metadata__.insert("tank", if sizes.tank { "on" } else { "off" }.into());
+            if sizes.tank {
+                __metadata__.insert("tank", "on".into());
             }
             let mut header = vec![0; LENGTH];
             serde_json::to_writer(&mut header, &Header { __metadata__, tensors })?;
@@ -570,13 +570,11 @@ impl<'a> File<'a> {
 
     /// Whether slip is kept from giving out energy; files before version 4 knew no such thing.
     pub fn tank(&self) -> Result<bool> {
-        if self.version < 4 {
-            return Ok(false);
-        }
-        match self.metadata("tank")? {
-            "on" => Ok(true),
-            "off" => Ok(false),
-            other => {
+        let tank = self.header.metadata().as_ref().and_then(|m| m.get("tank"));
+        match tank.filter(|_| self.version >= 4).map(String::as_str) {
+            None | Some("off") => Ok(false),
+            Some("on") => Ok(true),
+            Some(other) => {
                 let problem = format!("it is `{other}`, where `on` or `off` belongs");
                 Err(BodyError::invalid("metadata `tank`", problem, "make the body again"))
             }

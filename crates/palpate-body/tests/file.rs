@@ -149,10 +149,11 @@ fn coupled(mesh: &TriangleMesh, points: u32) -> Body {
     Body::new(parts).unwrap()
 }
 
-fn bodies() -> [Body; 6] {
+fn bodies() -> [Body; 7] {
     let (cube, plane) = (cube(), plane(4, 2));
     [
         body(&cube, 0.5, 4),
+        body(&cube, 0.5, 4).with_tank(false),
         body(&cube, f64::INFINITY, 1),
         body(&plane, 0.5, 15),
         anisotropic(&plane, 3),
@@ -193,7 +194,8 @@ fn old_files_are_read() {
         // Programs of that time knew no errors of a fit.
         let mut parts = body.parts();
         parts.provenance.point_errors.clear();
-        let body = Body::new(parts).unwrap();
+        // Nor a tank.
+        let body = Body::new(parts).unwrap().with_tank(false);
         let path = files.join(name).with_extension("body");
         if std::env::var_os("PALPATE_BLESS").is_some() && !path.exists() {
             body.save(&path).unwrap();
@@ -201,6 +203,29 @@ fn old_files_are_read() {
         assert_eq!(Body::open(&path).unwrap(), body, "{name}");
         // What holds no more is still written as before: programs of that time read it.
         assert_eq!(body.to_bytes().unwrap(), std::fs::read(&path).unwrap(), "{name}");
+        assert!(!StoredBody::open(&path, None).unwrap().outline().has_tank(), "{name}");
+    }
+}
+
+/// Whether a body has the tank is read again, whatever its law, at once and patch by patch.
+#[test]
+fn the_tank_is_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.body");
+    for body in bodies() {
+        for tank in [true, false] {
+            let body = body.clone().with_tank(tank);
+            assert_eq!(body.has_tank(), tank);
+            body.save(&path).unwrap();
+            assert_eq!(Body::open(&path).unwrap().has_tank(), tank);
+            let stored = StoredBody::open(&path, None).unwrap();
+            assert_eq!(stored.outline().has_tank(), tank);
+            let mut patch = stored.patch();
+            stored.take(&mut patch, body.nodes()[0].position.to_array(), 4, &|| ()).unwrap();
+            assert_eq!(patch.model().has_tank(), tank);
+            let newest = String::from_utf8_lossy(&body.to_bytes().unwrap()).contains("\"version\":\"4\"");
+            assert_eq!(newest, tank || body.is_coupled());
+        }
     }
 }
 
@@ -325,7 +350,7 @@ fn with_header(bytes: &[u8], from: &str, to: &str) -> Vec<u8> {
 
 #[test]
 fn messages_name_the_place_and_the_mend() {
-    let bytes = body(&cube(), 0.5, 4).to_bytes().unwrap();
+    let bytes = body(&cube(), 0.5, 4).with_tank(false).to_bytes().unwrap();
     let refused = |bytes: &[u8], words: &[&str]| {
         let message = Body::from_bytes(bytes).unwrap_err().to_string();
         assert!(words.iter().all(|w| message.contains(w)), "{message}");
@@ -352,6 +377,11 @@ fn messages_name_the_place_and_the_mend() {
         let read = Body::from_bytes(&with_header(&newest, "\"slip\":\"paper\"", &slip)).unwrap();
         assert_eq!(read.slip().name(), rule);
     }
+    let tank = body(&cube(), 0.5, 4).to_bytes().unwrap();
+    refused(
+        &with_header(&tank, "\"tank\":\"on\"", "\"tank\":\"full\""),
+        &["metadata `tank`", "`full`", "`on`"],
+    );
     changed("radius_m", "radius_mm", &["metadata `tool`", "radius_mm"]);
     changed("\"positions\"", "\"position\"", &["tensor `positions`", "missing"]);
     changed("U32", "I32", &["I32", "U32", "make the body again"]);
@@ -386,7 +416,7 @@ fn messages_name_the_place_and_the_mend() {
     numbers("friction_curves", 13, -1.0, &["test point 1", "friction"]);
     numbers("lateral_curves_n", 5, f64::INFINITY, &["tensor `lateral_curves_n`, test point 0"]);
 
-    let stretched = anisotropic(&plane(2, 1), 1).to_bytes().unwrap();
+    let stretched = anisotropic(&plane(2, 1), 1).with_tank(false).to_bytes().unwrap();
     refused(
         &with_header(&stretched, "\"version\":\"2\"", "\"version\":\"1\""),
         &["tensor `lateral_tensors`", "version 1 has no such tensor"],

@@ -246,7 +246,8 @@ pub fn body_of(surface: Surface, feel: Feel) -> Body {
     stretched(surface, feel, None)
 }
 
-/// The same with a lateral tensor at each node, of its position and inward normal.
+/// The same with a lateral tensor at each node, of its position and inward normal. Without the tank: these are for a slip rule
+/// by itself.
 pub fn stretched(surface: Surface, feel: Feel, tensor: Option<&dyn Fn(DVec3, DVec3) -> Tensor>) -> Body {
     let nodes = || surface.positions().iter().zip(surface.inward_normals());
     let lateral_tensors = tensor.map(|t| nodes().map(|(&p, &u)| t(p, u)).collect());
@@ -268,11 +269,12 @@ pub fn stretched(surface: Surface, feel: Feel, tensor: Option<&dyn Fn(DVec3, DVe
         provenance: Provenance::default(),
     })
     .unwrap()
+    .with_tank(false)
 }
 
 /// The same body with another slip rule.
 pub fn ruled(body: &Body, rule: SlipRule) -> Body {
-    Body::new(BodyParts { slip: rule, ..body.parts() }).unwrap()
+    Body::new(BodyParts { slip: rule, ..body.parts() }).unwrap().with_tank(body.has_tank())
 }
 
 pub fn uniform(mesh: &TriangleMesh, kz: f64, kr: f64, friction: f64) -> Body {
