@@ -254,7 +254,7 @@ fn above(x: f64) -> f32 {
 impl Gradients {
     /// Of the nodes of a checked model; `curves` are its test points' responses, none with a coupled law.
     pub(crate) fn new(model: &ContactModel, curves: &[Response]) -> Self {
-        let ContactModel { nodes, elements, lateral_tensors: tensors, responses, potentials, .. } = model;
+        let ContactModel { nodes, elements, lateral_tensors: tensors, responses, .. } = model;
         let around = Around::new(nodes.len(), elements);
         let mut gradients = Gradients {
             places: Vec::with_capacity(nodes.len()),
@@ -268,103 +268,59 @@ impl Gradients {
             coupled_bounds: Vec::new(),
             columns: responses.depth_knots().values().len(),
         };
-        let [depth_knots, lateral_knots] =
-            [responses.depth_knots(), responses.lateral_knots()].map(|k| k.values().len());
-        let mut sum: Vec<(u32, DVec3)> = Vec::new();
-        for (l, node) in nodes.iter().enumerate() {
-            sum.clear();
-            let (mut area, mut turn, mut change) = (0.0, [DVec3::ZERO; 3], [DVec3::ZERO; 6]);
-            for &m in around.of(l) {
-                let corners = elements[m as usize].nodes.map(|n| n as usize);
-                let [a, b, c] = corners.map(|n| nodes[n].position);
-                let normal = (b - a).cross(c - a);
-                area += normal.length();
-                // Turned into the tangent plane of the node without losing length, as the least turn takes the element's
-                // inward normal N to u: v − (u·v)(N + u)/(1 + N·u).
-                let normal = normal.normalize_or_zero();
-                let (u, between) = (node.inward, node.inward - normal);
-                let per = 2.0 / between.length_squared().max(0.1);
-                // 2A ∇n of each corner: its opposite edge, turned inwards.
-                for (j, edge) in corners.into_iter().zip([c - b, a - c, b - a]) {
-                    let slope = normal.cross(edge);
-                    let slope = slope - between * (u.dot(slope) * per);
-                    let mix = &nodes[j];
-                    let rest = 1.0 - mix.weights.iter().sum::<f64>();
-                    let parts = mix.test_points.into_iter().zip(mix.weights);
-                    for (t, w) in parts.chain([(NOTHING, if rest > 1e-9 { rest } else { 0.0 })]) {
-                        if w == 0.0 || t == node.test_points[0] {
-                            continue;
-                        }
-                        match sum.iter_mut().find(|(known, _)| *known == t) {
-                            Some((_, g)) => *g += slope * w,
-                            None => sum.push((t, slope * w)),
-                        }
-                    }
-                    // Frames turn within the element's plane, and are turned into the node's like the gradient.
-                    let du = mix.inward - u;
-                    let du = du - normal * normal.dot(du);
-                    let du = du - between * (u.dot(du) * per);
-                    turn.iter_mut().zip(du.to_array()).for_each(|(g, du)| *g += slope * du);
-                    if let (Some(there), Some(here)) = (tensors.get(j), tensors.get(l)) {
-                        let pairs = there.iter().zip(here);
-                        change
-                            .iter_mut()
-                            .zip(pairs)
-                            .for_each(|(g, (there, here))| *g += slope * (there - here));
-                    }
-                }
-            }
-            // A node that no element uses has no gradient.
-            let per = if area > 0.0 { 1.0 / area } else { 0.0 };
-            let single = |g: &DVec3| (*g * per).as_vec3().to_array();
-            sum.retain(|(_, g)| single(g) != [0.0; 3]);
-            let norm = |of: &[DVec3]| (of.iter().map(|g| g.length_squared()).sum::<f64>()).sqrt() * per;
-            // Six components stand for nine: those off the diagonal count twice.
-            gradients.most.push(Most {
-                energy: above(steepest(&sum, node, curves) * per),
-                turn: above(norm(&turn)),
-                tensor: above(norm(&change).hypot(norm(&change[3..]))),
-            });
-            let scaled = sum.len() > MAX_TERMS;
-            if scaled {
-                sum.iter_mut().for_each(|(_, g)| *g *= per);
-                let reference = node.test_points[0];
-                let rows_before = gradients.depth_rows.len().max(gradients.coupled_rows.len());
-                let start = (rows_before / depth_knots) as u32;
-                gradients.places.push(Place { start, count: CURVES });
-                if model.is_coupled() {
-                    let rows = coupled_terms(&sum, reference, depth_knots, potentials);
-                    let single = |rows: [[DVec3; TERMS]; 4]| {
-                        rows.map(|quantities| quantities.map(|sum| sum.as_vec3().extend(0.0)))
-                    };
-                    gradients.coupled_rows.extend(rows.map(single));
-                } else {
-                    let depth = rows(&sum, reference, depth_knots, |t, i| responses.depth_row(t, i));
-                    gradients.depth_rows.extend(depth);
-                    let lateral = rows(&sum, reference, lateral_knots, |t, i| responses.lateral_row(t, i));
-                    gradients.lateral_rows.extend(lateral);
-                }
-            } else {
-                gradients.places.push(Place { start: gradients.terms.len() as u32, count: sum.len() as u32 });
-                gradients.terms.extend(sum.iter().map(|(t, g)| Term { gradient: single(g), test_point: *t }));
-            }
-            if model.is_coupled() {
-                sum.iter_mut().for_each(|(_, g)| *g *= if scaled { 1.0 } else { per });
-                let knots = responses.depth_knots().values();
-                let rows = coupled_terms(&sum, node.test_points[0], depth_knots, potentials);
-                gradients.coupled_bounds.extend(
-                    rows.enumerate().map(|(i, rows)| {
-                        CoupledBound::new(&rows, knots.get(i + 1).map(|next| next - knots[i]))
-                    }),
-                );
-            }
-            gradients.turns.push(turn.map(|g| (g * per).as_vec3().extend(0.0)));
-            if !tensors.is_empty() {
-                let change = change.map(|g| single(&g));
-                gradients.tensors.push([0, 1, 2].map(|axis| change.map(|g| g[axis])));
-            }
+        let mut sums = NodeSums::default();
+        for l in 0..nodes.len() {
+            sums.of_node(model, around.of(l), l);
+            gradients.add(model, curves, &nodes[l], &sums);
         }
         gradients
+    }
+
+    /// One more node, with these sums.
+    fn add(&mut self, model: &ContactModel, curves: &[Response], node: &Node, sums: &NodeSums) {
+        let ContactModel { lateral_tensors: tensors, responses, potentials, .. } = model;
+        let NodeSums { terms, turn, change } = sums;
+        let (reference, single) = (node.test_points[0], |g: &DVec3| g.as_vec3().to_array());
+        let norm = |of: &[DVec3]| (of.iter().map(|g| g.length_squared()).sum::<f64>()).sqrt();
+        // Six components stand for nine: those off the diagonal count twice.
+        self.most.push(Most {
+            energy: above(steepest(terms, node, curves)),
+            turn: above(norm(turn)),
+            tensor: above(norm(change).hypot(norm(&change[3..]))),
+        });
+        let coupled = || coupled_terms(terms, reference, self.columns, potentials);
+        let bounds: Vec<CoupledBound> = if model.is_coupled() {
+            let knots = responses.depth_knots().values();
+            let width = |i: usize| knots.get(i + 1).map(|next| next - knots[i]);
+            coupled().enumerate().map(|(i, rows)| CoupledBound::new(&rows, width(i))).collect()
+        } else {
+            Vec::new()
+        };
+        if terms.len() <= MAX_TERMS {
+            self.places.push(Place { start: self.terms.len() as u32, count: terms.len() as u32 });
+            self.terms.extend(terms.iter().map(|(t, g)| Term { gradient: single(g), test_point: *t }));
+        } else {
+            let rows_before = self.depth_rows.len().max(self.coupled_rows.len());
+            self.places.push(Place { start: (rows_before / self.columns) as u32, count: CURVES });
+            if model.is_coupled() {
+                let rows: Vec<_> = coupled()
+                    .map(|rows| rows.map(|quantities| quantities.map(|sum| sum.as_vec3().extend(0.0))))
+                    .collect();
+                self.coupled_rows.extend(rows);
+            } else {
+                let lateral_knots = responses.lateral_knots().values().len();
+                self.depth_rows
+                    .extend(rows(terms, reference, self.columns, |t, i| responses.depth_row(t, i)));
+                self.lateral_rows
+                    .extend(rows(terms, reference, lateral_knots, |t, i| responses.lateral_row(t, i)));
+            }
+        }
+        self.coupled_bounds.extend(bounds);
+        self.turns.push(turn.map(|g| g.as_vec3().extend(0.0)));
+        if !tensors.is_empty() {
+            let change = change.map(|g| single(&g));
+            self.tensors.push([0, 1, 2].map(|axis| change.map(|g| g[axis])));
+        }
     }
 
     /// The test points that a node's terms name.
@@ -646,6 +602,77 @@ fn rows(
         }
         sum.map(|sum| sum.as_vec3().extend(0.0))
     })
+}
+
+/// Area-weighted means over the elements around a node, of the gradients of what its neighbours have.
+#[derive(Debug, Default)]
+struct NodeSums {
+    /// g_lt of each test point but the node's first, 1/m.
+    terms: Vec<(u32, DVec3)>,
+    /// Of the three coordinates of the frame, 1/m.
+    turn: [DVec3; 3],
+    /// Of the six components of the tensor, 1/m.
+    change: [DVec3; 6],
+}
+
+impl NodeSums {
+    /// Of node `l`, in these elements.
+    fn of_node(&mut self, model: &ContactModel, around: &[u32], l: usize) {
+        self.terms.clear();
+        (self.turn, self.change) = Default::default();
+        let (node, mut area) = (&model.nodes[l], 0.0);
+        for &m in around {
+            let corners = model.elements[m as usize].nodes.map(|n| n as usize);
+            let [a, b, c] = corners.map(|n| model.nodes[n].position);
+            let normal = (b - a).cross(c - a);
+            area += normal.length();
+            // Turned into the tangent plane of the node without losing length, as the least turn takes the element's
+            // inward normal N to u: v − (u·v)(N + u)/(1 + N·u).
+            let normal = normal.normalize_or_zero();
+            let (u, between) = (node.inward, node.inward - normal);
+            let per = 2.0 / between.length_squared().max(0.1);
+            let turned = |v: DVec3| v - between * (u.dot(v) * per);
+            // 2A ∇n of each corner: its opposite edge, turned inwards.
+            for (j, edge) in corners.into_iter().zip([c - b, a - c, b - a]) {
+                let slope = turned(normal.cross(edge));
+                let corner = &model.nodes[j];
+                self.add_mix(corner, node.test_points[0], slope);
+                // Frames turn within the element's plane, and are turned into the node's like the gradient.
+                let du = corner.inward - u;
+                let du = turned(du - normal * normal.dot(du));
+                self.turn.iter_mut().zip(du.to_array()).for_each(|(g, du)| *g += slope * du);
+                let tensors = &model.lateral_tensors;
+                if let (Some(there), Some(here)) = (tensors.get(j), tensors.get(l)) {
+                    let pairs = there.iter().zip(here);
+                    self.change
+                        .iter_mut()
+                        .zip(pairs)
+                        .for_each(|(g, (there, here))| *g += slope * (there - here));
+                }
+            }
+        }
+        // A node that no element uses has no gradient.
+        let per = if area > 0.0 { 1.0 / area } else { 0.0 };
+        self.terms.iter_mut().for_each(|(_, g)| *g *= per);
+        self.terms.retain(|(_, g)| g.as_vec3() != glam::Vec3::ZERO);
+        self.turn = self.turn.map(|g| g * per);
+        self.change = self.change.map(|g| g * per);
+    }
+
+    /// What a corner mixes, and what it lacks to 1, all but the reference.
+    fn add_mix(&mut self, corner: &Node, reference: u32, slope: DVec3) {
+        let rest = 1.0 - corner.weights.iter().sum::<f64>();
+        let parts = corner.test_points.into_iter().zip(corner.weights);
+        for (t, w) in parts.chain([(NOTHING, if rest > 1e-9 { rest } else { 0.0 })]) {
+            if w == 0.0 || t == reference {
+                continue;
+            }
+            match self.terms.iter_mut().find(|(known, _)| *known == t) {
+                Some((_, g)) => *g += slope * w,
+                None => self.terms.push((t, slope * w)),
+            }
+        }
+    }
 }
 
 /// Σ g (potential − that of the reference) in the reference's tangents, in each interval.

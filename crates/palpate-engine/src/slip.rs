@@ -241,7 +241,8 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
                 return true;
             }
             if stop != Stop::Reached {
-                return true;
+                // A guess that ran into an edge from which the drive is within the limit has gone too far.
+                return now > 0.0;
             }
             if now.abs() > if bent { 2.0 } else { 0.5 } * excess.abs() {
                 return false;
