@@ -142,6 +142,15 @@ struct Step<'b> {
 }
 
 impl Step<'_> {
+    /// The law with the contact point elsewhere.
+    #[cold]
+    #[inline(never)]
+    fn read<L: Lateral>(&mut self, site: &mut Site<L>, at: SurfacePoint) -> Field {
+        site.move_to(at.element);
+        self.budget.evaluate();
+        site.evaluate(at.n, self.tip)
+    }
+
     fn first_touch(&mut self, from: DVec3, radius: f64) -> Option<Touch> {
         self.queries += 1;
         self.body.first_touch(from, self.tip, radius)
@@ -546,9 +555,7 @@ impl Contact {
             let far = low.0 + (high - low.0) * (below / (below + above));
             let rates = Rates::new(body.corners(from.element), v);
             let there = walk(body, from, v, far, rates, &mut step.budget).0;
-            site.move_to(there.element);
-            step.budget.evaluate();
-            *field = site.evaluate(there.n, step.tip);
+            *field = step.read(site, there);
             let left = allowed - field.energy;
             if left >= 0.0 {
                 (low, below, above) = ((far, there), left, 0.5 * above);
@@ -560,9 +567,7 @@ impl Contact {
             }
         }
         *at = low.1;
-        site.move_to(at.element);
-        step.budget.evaluate();
-        *field = site.evaluate(at.n, step.tip);
+        *field = step.read(site, *at);
         R::drive(site, at.n, field)
     }
 
@@ -592,13 +597,9 @@ impl Contact {
             }
             _ => held,
         };
-        site.move_to(held.element);
-        step.budget.evaluate();
         self.energy = before;
-        self.energy.stick(site.evaluate(held.n, step.tip).energy);
-        site.move_to(at.element);
-        step.budget.evaluate();
-        *field = site.evaluate(at.n, step.tip);
+        self.energy.stick(step.read(site, held).energy);
+        *field = step.read(site, *at);
         let drive = if self.tank && field.energy > self.allowed() {
             self.hold_back::<L, R>(site, held, at, field, step)
         } else {
@@ -672,7 +673,8 @@ impl Contact {
         let mut site = Site::<L>::new(step.body, self.law, at.element);
         step.budget.evaluate();
         let mut field = site.evaluate(at.n, step.tip);
-        if (step.from - field.c).dot(field.u()) + self.law.radius_m <= 0.0 {
+        let from_outside = (step.from - field.c).dot(field.u()) + self.law.radius_m <= 0.0;
+        if from_outside {
             self.energy.stick(field.energy);
         } else {
             // The tool was this deep before: no work leads here, and the ledger says that the energy was generated.
@@ -681,7 +683,8 @@ impl Contact {
         let (end, drive) = self.slip::<L, R>(&mut site, &mut at, &mut field, step);
         if field.depth > 0.0 && end != End::Border {
             let released = flags.has(Flags::RELEASED);
-            step.flags.set(if released { Flags::REANCHORED } else { Flags::ONSET }, true);
+            step.flags.set(Flags::REANCHORED, released || !from_outside);
+            step.flags.set(Flags::ONSET, !released);
             return Ok(self.answer(at, &field, end, &drive, step));
         }
         self.restore(kept);

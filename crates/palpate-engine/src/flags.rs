@@ -15,8 +15,9 @@ impl Flags {
     pub const ONSET: Self = Self(1 << 2);
     /// A contact ended in this step.
     pub const RELEASED: Self = Self(1 << 3);
-    /// After a contact that ended the tool touches elsewhere: on the rest of its way, or at its nearest
-    /// surface point.
+    /// After a contact that ended, or came to nothing, the tool touches elsewhere: on the rest of its way, or at its nearest
+    /// surface point. What is stored where it was already that deep appears at a fixed tool, as nothing else does that the
+    /// tank does not hold back; the ledger has it as generated.
     pub const REANCHORED: Self = Self(1 << 4);
     /// The contact ended because the contact point reached the surface's border.
     pub const BORDER: Self = Self(1 << 5);

@@ -21,7 +21,7 @@ proptest! {
         let plain = heterogeneous(&ellipsoid(DVec3::splat(0.03), 4), &mut chance, 0.1, 0.2);
         let tool = palpate_body::Tool::Sphere { radius_m: radius };
         let tool = if radius > 0.0 { tool } else { palpate_body::Tool::Point };
-        let body = palpate_body::Body::new(palpate_body::BodyParts { tool, slip: rule, ..plain.parts() }).unwrap();
+        let body = palpate_body::Body::new(palpate_body::BodyParts { tool, slip: rule, ..plain.parts() }).unwrap().with_tank(false);
         let mut contact = Contact::with_slip(&body, rule, Ablation::None);
         let (along, stride) = (chance.range(0.0, 6.0), chance.range(2e-5, 3e-4));
         let at = |k: u32| {

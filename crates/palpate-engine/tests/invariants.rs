@@ -44,7 +44,7 @@ impl Kind {
         }
         let radius_m = if chance.below(2) == 0 { 0.0 } else { chance.range(1e-3, 6e-3) };
         let making = Making { spread, friction, bare: friction < 1.0, ratio, radius_m, slip };
-        made_body(&mesh, chance, &making).with_tank(false)
+        made_body(&mesh, chance, &making)
     }
 
     /// What a property is judged for, each by itself.

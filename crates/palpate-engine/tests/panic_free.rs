@@ -216,7 +216,7 @@ fn nothing_that_a_step_calls_can_panic_allocate_lock_or_wait() {
     let reached = reachable(&all, &step).unwrap_or_else(|e| panic!("{e}"));
     assert!(reached.iter().any(|f| f.contains("slip")), "the slip search is part of it: {reached:?}");
     let each = reached.iter().filter(|f| f.contains("Contact7step_as")).count();
-    assert_eq!(each, 2 * 3, "isotropic and anisotropic bodies, three slip rules: {reached:?}");
+    assert_eq!(each, 3 * 3, "isotropic, anisotropic and coupled bodies, three slip rules: {reached:?}");
 
     // That the check can fail: making a body allocates.
     let new = find("palpate_body4body4Body3new").unwrap();

@@ -70,6 +70,7 @@ impl Case {
             seconds: None,
             ablation: Ablation::None,
             slip: None,
+            no_tank: false,
             coupling_n_per_m: None,
             passivity: false,
         };

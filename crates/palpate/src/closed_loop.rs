@@ -36,6 +36,8 @@ pub struct Setup {
     pub ablation: Ablation,
     /// Instead of the body's own rule.
     pub slip: Option<SlipRule>,
+    /// Whether slip goes without the body's tank.
+    pub no_tank: bool,
     /// A virtual coupling of this stiffness, N/m.
     pub coupling_n_per_m: Option<f64>,
     /// Whether the passivity controller may act.
@@ -138,8 +140,8 @@ pub fn run(
     setup: Setup,
     mut row: impl FnMut(&Waypoint, &Output) -> Result<()>,
 ) -> Result<Summary> {
-    let Setup { capabilities, hand, intent, rate_hz, seconds, ablation, slip, coupling_n_per_m, passivity } =
-        setup;
+    let Setup { capabilities, hand, intent, rate_hz, seconds, ablation, slip, no_tank, .. } = setup;
+    let Setup { coupling_n_per_m, passivity, .. } = setup;
     let period = 1.0 / rate_hz;
     figures::check(&capabilities, &hand).map_err(|e| anyhow!("{} in this hand: {e}", capabilities.name))?;
     let delay = capabilities.mechanics.delay_s.value;
@@ -178,8 +180,8 @@ pub fn run(
         ..Stages::default()
     };
     let map = WorkspaceMap { offset_m: place, ..WorkspaceMap::default() };
-    let mut closed =
-        HapticLoop::new(Contact::with_slip(body, slip.unwrap_or(body.slip()), ablation), map, stages);
+    let contact = Contact::with_slip(body, slip.unwrap_or(body.slip()), ablation);
+    let mut closed = HapticLoop::new(contact.with_tank(body.has_tank() && !no_tank), map, stages);
     let mut device = Simulated::new(capabilities, hand, Box::new(script));
     device.open()?;
     let steps = (seconds * rate_hz).round() as u64;

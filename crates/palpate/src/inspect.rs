@@ -27,6 +27,8 @@ pub struct Inspection {
     pub coupled: Option<CoupledRanges>,
     /// Slip rule.
     pub slip: SlipRule,
+    /// Whether slip is kept from giving out energy.
+    pub tank: bool,
     /// Whether the lateral response depends on the direction.
     pub anisotropic: bool,
     /// Least and greatest over the nodes: how many times as stiff sideways the stiffest direction is as the softest.
@@ -230,6 +232,7 @@ pub fn inspect(body: &Body) -> Inspection {
         law: if body.is_coupled() { "coupled" } else { "decoupled" },
         coupled: body.coupled_law().map(coupled_ranges),
         slip: body.slip(),
+        tank: body.has_tank(),
         anisotropic: !body.is_isotropic() || body.is_coupled(),
         lateral_ratio: principals(body)
             .map(|p| p.ratio())

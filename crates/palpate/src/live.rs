@@ -100,6 +100,8 @@ pub struct Plan {
     pub safety: Safety,
     /// In place of the body's own.
     pub slip: Option<SlipRule>,
+    /// Whether slip goes without the body's tank.
+    pub no_tank: bool,
     /// Interpolations taken away.
     pub ablation: Ablation,
     /// A virtual coupling of this stiffness, N/m.
@@ -332,7 +334,9 @@ fn prepare(body: &Arc<dyn BodySource>, hold: Hold, plan: &Plan, record: Option<&
     };
     let map = map.checked(device.capabilities())?;
     let rule = plan.slip.unwrap_or(body.outline().slip());
-    let haptics = HapticLoop::new(Contact::on(body.outline(), rule, *ablation), map, stages);
+    let tank = body.outline().has_tank() && !plan.no_tank;
+    let contact = Contact::on(body.outline(), rule, *ablation).with_tank(tank);
+    let haptics = HapticLoop::new(contact, map, stages);
     let (recorder, records) = ring((RING_S * settings.rate_hz) as usize);
     let header = || Header {
         program: concat!("palpate ", env!("CARGO_PKG_VERSION")).into(),
@@ -342,6 +346,7 @@ fn prepare(body: &Arc<dyn BodySource>, hold: Hold, plan: &Plan, record: Option<&
         rate_hz: settings.rate_hz,
         body: plan.body.clone(),
         slip: rule.name().into(),
+        tank,
         ablation: ablation_name(*ablation).into(),
         device: name.clone(),
         safety: Some(safety),

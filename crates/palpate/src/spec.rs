@@ -44,6 +44,8 @@ pub struct Spec {
     pub tool: Tool,
     /// How the contact point slips.
     pub slip: SlipRule,
+    /// Whether slip is kept from giving out energy.
+    pub tank: bool,
     /// Responses by a formula.
     pub law: Option<Law>,
     /// Tables and keys that this version reads but does not use.
@@ -150,6 +152,7 @@ impl Spec {
             deflection: raw.deflection.as_ref().map(|d| deflection(&source, d)).transpose()?,
             tool: raw.tool.as_ref().map_or(Ok(ToolShape::Point), |t| tool(&source, t))?.of_body(),
             slip: raw.slip.as_ref().map_or(Ok(SlipRule::default()), |s| slip(&source, s))?,
+            tank: raw.slip.as_ref().is_none_or(RawSlip::tank),
             law,
             ignored,
             text,

@@ -27,6 +27,11 @@ where
 }
 
 impl<I> Rollout<'_, I> {
+    /// The same with the slip rule alone, without the tank that keeps it from giving out energy.
+    pub fn without_tank(self) -> Self {
+        Rollout { contact: self.contact.with_tank(false), ..self }
+    }
+
     /// The contact as it is now.
     pub fn contact(&self) -> &Contact {
         &self.contact
@@ -128,6 +133,7 @@ pub struct Counts {
     pub blocked: u64,
     pub fenced: u64,
     pub capped: u64,
+    pub held_back: u64,
     pub invalid_poses: u64,
     pub contained: u64,
 }
@@ -152,7 +158,7 @@ impl FlagCounts {
 
 impl Serialize for FlagCounts {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let newer = Flags::INVALID_TIME | Flags::OTHER_BODY;
+        let newer = Flags::INVALID_TIME | Flags::OTHER_BODY | Flags::HELD_BACK;
         let counted = Flags::NAMED.into_iter().zip(self.0);
         serializer.collect_map(
             counted.filter(|((_, flag), n)| *n > 0 || !newer.has(*flag)).map(|((name, _), n)| (name, n)),
@@ -202,13 +208,13 @@ impl Summary {
             blocked,
             fenced,
             capped,
+            held_back,
             invalid_poses,
             contained,
             // The contact is of this body, and time goes on in a path.
             invalid_times: _,
             other_bodies: _,
             underived: _,
-            held_back: _,
         } = *contact.counters();
         let Ledger { work_j, stored_j, dissipated_j, generated_j, relaxed_j: _, tank_j: _ } =
             *contact.energy();
@@ -223,6 +229,7 @@ impl Summary {
             blocked,
             fenced,
             capped,
+            held_back,
             invalid_poses,
             contained,
         };
@@ -236,6 +243,10 @@ impl Summary {
             (
                 n.of(Flags::CAPPED),
                 "ran into the bound of the slip search; the lateral force was cut to the friction limit",
+            ),
+            (
+                n.of(Flags::HELD_BACK),
+                "had slip held back, since it would have given out energy; it lets go later, and the force may jump",
             ),
             (n.of(Flags::BLOCKED), "had the contact point held by an edge or vertex"),
             (

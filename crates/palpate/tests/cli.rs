@@ -92,6 +92,7 @@ steps = 12
 
 [slip]
 rule = "paper"
+tank = false
 
 [response]
 law = "paper-cylinder"
@@ -137,6 +138,7 @@ fn a_law_becomes_a_body_a_trace_and_tables() {
     assert_eq!(inspection["anisotropic"], false);
     assert_eq!(inspection["lateral_ratio"], serde_json::json!([1.0, 1.0]));
     assert_eq!(inspection["slip"], "paper");
+    assert_eq!(inspection["tank"], false);
     assert_eq!(inspection["tools"][0]["shape"], "point");
     let provenance = &inspection["provenance"];
     assert_eq!(provenance["spec"], SPEC);

@@ -78,6 +78,7 @@ pub fn coupled(mesh: &TriangleMesh, chance: &mut Chance, spread: f64, friction: 
     .unwrap()
 }
 
+#[allow(dead_code, reason = "each test file uses its own part")]
 /// The same body over few of its test points: every node mixes the three nearest of those by their distance, so that elements
 /// mix three to nine.
 pub fn sparse(body: &Body, every: usize) -> Body {

@@ -72,6 +72,7 @@ pub fn made_body(mesh: &TriangleMesh, chance: &mut Chance, making: &Making) -> B
         provenance,
     })
     .unwrap()
+    .with_tank(false)
 }
 
 /// A node's tensor: the mean of its test points', in its own plane.

@@ -36,6 +36,8 @@ pub struct Header {
     pub body: BodyFile,
     /// The slip rule in force.
     pub slip: String,
+    /// Whether slip was kept from giving out energy; it was not in recordings that don't say.
+    pub tank: bool,
     /// The interpolations taken away.
     pub ablation: String,
     /// The device's name.

@@ -130,7 +130,8 @@ fn waypoints(tips: &[DVec3]) -> impl Iterator<Item = Waypoint> {
 
 /// Energy generated, and the largest step of the force while in contact.
 fn led(body: &Body, slip: SlipRule, tips: &[DVec3]) -> Option<(f64, f64)> {
-    let mut outputs = rollout(body, waypoints(tips), slip, Ablation::None);
+    // What the rule does, which the tank would hold back.
+    let mut outputs = rollout(body, waypoints(tips), slip, Ablation::None).without_tank();
     let (mut before, mut largest, mut touching) = (DVec3::ZERO, 0.0f64, false);
     for output in outputs.by_ref() {
         let flags = output.flags;

@@ -236,7 +236,7 @@ fn write_path(path: &Path, body: &Path, rule: SlipRule, shown: &Shown) -> anyhow
     files::replace(path, |out| {
         writeln!(
             out,
-            "# palpate trace {} --slip {} --path {} -o trace.csv",
+            "# palpate trace {} --slip {} --no-tank --path {} -o trace.csv",
             body.display(),
             rule.name(),
             path.display()

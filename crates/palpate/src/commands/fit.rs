@@ -131,9 +131,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         slip: spec.as_ref().map_or_else(SlipRule::default, |s| s.slip),
         provenance,
     })
-    .map_err(|e| {
-        inputs.first().map_or_else(|| anyhow!("{e}"), |input| anyhow!("{}: {e}", input.display()))
-    })?;
+    .map_err(|e| inputs.first().map_or_else(|| anyhow!("{e}"), |input| anyhow!("{}: {e}", input.display())))?
+    .with_tank(spec.as_ref().is_none_or(|s| s.tank));
     body.save(&args.output)?;
 
     for note in &notes {

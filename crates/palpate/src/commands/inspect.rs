@@ -85,6 +85,7 @@ fn text(i: &Inspection) -> String {
         ("friction coefficient", between(ranges.friction, "")),
         ("tool", tools.collect::<Vec<_>>().join(", ")),
         ("slip rule", i.slip.name().to_owned()),
+        ("slip may give out energy", if i.tank { "no (tank)" } else { "yes (no tank)" }.to_owned()),
         ("made by", i.provenance.software.clone()),
         ("with", i.provenance.command.clone()),
     ];

@@ -170,6 +170,7 @@ fn plan(args: &Args) -> Result<Plan> {
         settings,
         safety,
         slip: args.slip.map(super::Slip::rule),
+        no_tank: args.no_tank,
         ablation: args.ablate.map_or(Ablation::None, super::Ablate::ablation),
         coupling_n_per_m: args.coupling_n_per_m,
         place,

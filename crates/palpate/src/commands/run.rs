@@ -62,6 +62,9 @@ pub struct Args {
     /// Slip rule; without it, the body's own
     #[arg(long, value_enum)]
     pub(super) slip: Option<super::Slip>,
+    /// Let slip give out energy, where the body's tank would hold it back
+    #[arg(long)]
+    pub(super) no_tank: bool,
     /// Touch the body through a virtual coupling of this stiffness
     #[arg(long, value_name = "K")]
     pub(super) coupling_n_per_m: Option<f64>,
@@ -189,6 +192,7 @@ fn setup(args: &Args, body: &Body) -> anyhow::Result<Setup> {
         rate_hz: args.rate_hz,
         seconds: args.seconds,
         slip: args.slip.map(super::Slip::rule),
+        no_tank: args.no_tank,
         ablation: args.ablate.map_or(Ablation::None, super::Ablate::ablation),
         coupling_n_per_m: args.coupling_n_per_m,
         passivity: args.passivity,

@@ -20,7 +20,7 @@ use std::path::PathBuf;
 /// dissipated_j, generated_j (sums since the first row). Without contact, element is -1 and the contact's columns
 /// are 0. Every number reads back to the same bits.
 ///
-/// The path may also be a recording of `palpate run`. Without --slip, --ablate and --rate-hz the engine then takes the
+/// The path may also be a recording of `palpate run`. Without --slip, --no-tank, --ablate and --rate-hz the engine then takes the
 /// recorded steps once more, on the recorded patches, and must give the recorded forces and energies to the bit.
 #[derive(Debug, clap::Args)]
 #[command(
@@ -40,6 +40,9 @@ pub struct Args {
     /// Slip rule, in place of the body's own
     #[arg(long, value_enum)]
     slip: Option<super::Slip>,
+    /// Let slip give out energy, where the body's tank would hold it back
+    #[arg(long)]
+    no_tank: bool,
     /// Interpolation to take away, as in the paper's section 5
     #[arg(long, value_enum)]
     ablate: Option<super::Ablate>,
@@ -61,7 +64,8 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     files::refuse_overwrite(&[&args.output], &[&args.body, &args.path])?;
     let recorded = live::is_recording(&args.path)?;
-    if recorded && args.slip.is_none() && args.ablate.is_none() && args.rate_hz.is_none() {
+    let as_recorded = args.slip.is_none() && !args.no_tank && args.ablate.is_none() && args.rate_hz.is_none();
+    if recorded && as_recorded {
         return retrace(args);
     }
     let body = Body::open(&args.body)?;
@@ -76,6 +80,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     files::replace_or_stream(&args.output, |out| {
         writeln!(out, "{COLUMNS}")?;
         let mut rollout = rollout(&body, waypoints.iter().copied(), rule, ablation);
+        if args.no_tank {
+            rollout = rollout.without_tank();
+        }
         for waypoint in &waypoints {
             let Some(output) = rollout.next() else { break };
             write_row(out, waypoint, &output)?;
@@ -134,7 +141,8 @@ fn retrace(args: &Args) -> Result<(), Failure> {
         );
     };
     let (body, _) = live::open_body(&args.body, Some(rule), args.body_in, false)?;
-    let mut again = Retrace::new(&*body, Contact::on(body.outline(), rule, ablation));
+    let contact = Contact::on(body.outline(), rule, ablation).with_tank(header.tank);
+    let mut again = Retrace::new(&*body, contact);
     let mut summary = Summary::default();
     let (mut differ, mut first, mut number, mut missing) = (0u64, None, None, 0u64);
     files::replace_or_stream(&args.output, |out| {

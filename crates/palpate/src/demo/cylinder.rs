@@ -41,7 +41,8 @@ pub fn body() -> Result<Body> {
         software: concat!("palpate ", env!("CARGO_PKG_VERSION")).into(),
         ..Provenance::default()
     };
-    Body::new(BodyParts { provenance, ..parts(surface()?, response, SlipRule::Paper)? })
+    // The paper had no tank.
+    Ok(Body::new(BodyParts { provenance, ..parts(surface()?, response, SlipRule::Paper)? })?.with_tank(false))
 }
 
 /// A body on this surface whose every node is a test point with the response of its place, touched with a point.

@@ -63,7 +63,8 @@ fn tube(around: u32) -> Result<Body> {
         let normal = NORMAL_STIFFNESS * (1.0 + 0.5 * p.x / RADIUS);
         Response::paper(normal, LATERAL_STIFFNESS, 0.0, DEPTH, DEPTH)
     };
-    Ok(Body::new(parts(surface, response, SlipRule::Consistent)?)?)
+    // Each rule by itself.
+    Ok(Body::new(parts(surface, response, SlipRule::Consistent)?)?.with_tank(false))
 }
 
 fn path() -> impl Iterator<Item = DVec3> {

@@ -99,7 +99,8 @@ pub fn body(record: &Record) -> Result<Assembled> {
         slip: spec.slip,
         provenance: Provenance { point_errors: fitted.errors, ..provenance(record, notes) },
     })
-    .map_err(in_spec)?;
+    .map_err(in_spec)?
+    .with_tank(spec.tank);
     Ok(Assembled { body, report: fitted.fit.report, stops: told })
 }
 

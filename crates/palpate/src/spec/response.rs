@@ -29,7 +29,15 @@ pub struct RawDeflection {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RawSlip {
-    rule: Spanned<String>,
+    rule: Option<Spanned<String>>,
+    tank: Option<bool>,
+}
+
+impl RawSlip {
+    /// Whether slip is kept from giving out energy; of what a spec makes it is.
+    pub fn tank(&self) -> bool {
+        self.tank.unwrap_or(true)
+    }
 }
 
 #[derive(Deserialize)]
@@ -97,11 +105,11 @@ pub fn deflection(source: &Source, raw: &RawDeflection) -> Result<Deflection> {
 }
 
 pub fn slip(source: &Source, raw: &RawSlip) -> Result<SlipRule> {
-    let rule = raw.rule.get_ref();
-    SlipRule::ALL.into_iter().find(|r| r.name() == rule).ok_or_else(|| {
+    let Some(rule) = &raw.rule else { return Ok(SlipRule::default()) };
+    SlipRule::ALL.into_iter().find(|r| r.name() == rule.get_ref()).ok_or_else(|| {
         source.error(
-            raw.rule.span(),
-            &format!("there is no slip rule `{}`", rule.escape_debug()),
+            rule.span(),
+            &format!("there is no slip rule `{}`", rule.get_ref().escape_debug()),
             "give rule = \"consistent\", \"paper\" or \"exact\"",
         )
     })
