@@ -1,12 +1,18 @@
 //! The invariants of MODEL 9, on random meshes, responses and paths, slow and fast: on bodies whose nodes each have a curve
-//! of the paper's form, and on such as `fit` and `precompute` make, for a point and for spheres.
+//! of the paper's form, on such as `fit` and `precompute` make, and on coupled ones, for a point and for spheres.
 
 mod common;
 
+#[path = "common/coupled.rs"]
+mod bodies;
+
+use bodies::{coupled, sparse};
 use common::made::{Making, made_body};
 use common::*;
 use glam::{DMat3, DQuat, DVec3};
-use palpate_body::{Body, BodyParts, NodeMix, SlipRule, Surface, Tensor, TriangleMesh, tensor};
+use palpate_body::{
+    Body, BodyParts, CoupledLaw, NodeMix, Potential, SlipRule, Surface, Tensor, TriangleMesh, tensor,
+};
 use palpate_engine::{Contact, Flags, Output};
 use proptest::prelude::*;
 
@@ -25,10 +31,27 @@ fn mesh(kind: usize, chance: &mut Chance) -> TriangleMesh {
 
 const KINDS: usize = 6;
 
-/// A random body on one of the meshes: plain, or as `fit` makes it.
+/// What a body's responses are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Make {
+    /// Each node its own, of the paper's form.
+    Plain,
+    /// As `fit` makes them.
+    Made,
+    /// A coupled potential for each node.
+    Coupled,
+    /// Few coupled potentials, so that elements mix three to nine.
+    Sparse,
+}
+
+impl Make {
+    const ALL: [Make; 4] = [Make::Plain, Make::Made, Make::Coupled, Make::Sparse];
+}
+
+/// A random body on one of the meshes.
 #[derive(Clone, Copy, Debug)]
 struct Kind {
-    made: bool,
+    make: Make,
     mesh: usize,
     rule: SlipRule,
     ratio: f64,
@@ -37,26 +60,35 @@ struct Kind {
 impl Kind {
     /// Without the tank: what it holds back may jump when it lets go.
     fn body(self, chance: &mut Chance, spread: f64, friction: f64) -> Body {
-        let Kind { made, rule: slip, ratio, .. } = self;
+        let Kind { make, rule: slip, ratio, .. } = self;
         let mesh = mesh(self.mesh, chance);
-        if !made {
+        if make == Make::Plain {
             return ruled(&anisotropic(&mesh, chance, spread, friction, ratio), slip);
         }
         let radius_m = if chance.below(2) == 0 { 0.0 } else { chance.range(1e-3, 6e-3) };
-        let making = Making { spread, friction, bare: friction < 1.0, ratio, radius_m, slip };
-        made_body(&mesh, chance, &making)
+        if make == Make::Made {
+            let bare = friction < 1.0;
+            return made_body(&mesh, chance, &Making { spread, friction, bare, ratio, radius_m, slip });
+        }
+        let own = ruled(&coupled(&mesh, chance, spread, friction, radius_m), slip);
+        let body = if make == Make::Coupled { own } else { sparse(&own, 2 + chance.below(8)) };
+        body.with_tank(false)
+    }
+
+    fn is_coupled(self) -> bool {
+        matches!(self.make, Make::Coupled | Make::Sparse)
     }
 
     /// What a property is judged for, each by itself.
     fn label(self) -> String {
-        format!("{:?}, {}", self.rule, if self.made { "made" } else { "plain" })
+        format!("{:?}, {:?}", self.rule, self.make)
     }
 }
 
 /// Any, with one of the first so many slip rules.
 fn kinds(rules: usize, ratios: impl Strategy<Value = f64>) -> impl Strategy<Value = Kind> {
-    (any::<bool>(), 0..KINDS, 0..rules, ratios).prop_map(|(made, mesh, rule, ratio)| Kind {
-        made,
+    (0..Make::ALL.len(), 0..KINDS, 0..rules, ratios).prop_map(|(make, mesh, rule, ratio)| Kind {
+        make: Make::ALL[make],
         mesh,
         rule: SlipRule::ALL[rule],
         ratio,
@@ -105,7 +137,7 @@ fn snaps(contact: &Contact, body: &Body, o: &Output) -> bool {
 #[test]
 fn the_ledger_balances() {
     let judged = Judged::default();
-    proptest!(cases(80), |(seed in any::<u64>(), kind in kinds(3, ratio(100.0)), speed in 0.002f64..2.0)| {
+    proptest!(cases(160), |(seed in any::<u64>(), kind in kinds(3, ratio(100.0)), speed in 0.002f64..2.0)| {
         let mut chance = Chance::new(seed);
         let friction = chance.range(0.0, 0.6);
         let tank = chance.below(2) == 0;
@@ -123,19 +155,20 @@ fn the_ledger_balances() {
             prop_assert!(o.energy.generated_j >= 0.0 && o.energy.stored_j >= 0.0);
         }
     });
-    judged.demand(6, 1000);
+    judged.demand(12, 1000);
 }
 
 /// (a): from step to step the force changes by no more than the local Lipschitz bound allows.
 #[test]
 fn the_force_is_lipschitz() {
     let judged = Judged::default();
-    proptest!(cases(80), |(seed in any::<u64>(), kind in kinds(2, ratio(4.0)), speed in 0.002f64..0.02)| {
+    proptest!(cases(160), |(seed in any::<u64>(), kind in kinds(2, ratio(4.0)), speed in 0.002f64..0.02)| {
         let mut chance = Chance::new(seed);
         let friction = chance.range(0.05, 0.5);
         let body = kind.body(&mut chance, 0.35, friction);
         let path = wander(&body, &mut chance, speed, 500);
-        let mut contact = Contact::new(&body);
+        // The rule by itself.
+        let mut contact = Contact::new(&body).with_tank(false);
         let mut last: Option<(DVec3, Output, f64)> = None;
         for &x in &path {
             let o = step(&mut contact, &body, x);
@@ -152,21 +185,21 @@ fn the_force_is_lipschitz() {
             last = bound.map(|l| (x, o, l));
         }
     });
-    judged.demand(4, 1000);
+    judged.demand(8, 1000);
 }
 
 /// (b): the largest force step shrinks in proportion when the path is sampled finer.
 #[test]
 fn finer_sampling_shrinks_the_steps() {
     let judged = Judged::default();
-    proptest!(cases(60), |(seed in any::<u64>(), kind in kinds(2, ratio(4.0)))| {
+    proptest!(cases(120), |(seed in any::<u64>(), kind in kinds(2, ratio(4.0)))| {
         let mut chance = Chance::new(seed);
         let friction = chance.range(0.1, 0.5);
         let body = kind.body(&mut chance, 0.35, friction);
         let path = wander(&body, &mut chance, 0.03, 250);
         // The largest step, and whether the path met anything that is no smooth contact.
         let largest = |path: &[DVec3]| {
-            let mut contact = Contact::new(&body);
+            let mut contact = Contact::new(&body).with_tank(false);
             let (mut last, mut largest, mut odd) = (DVec3::ZERO, 0.0f64, false);
             for &x in path {
                 let o = step(&mut contact, &body, x);
@@ -183,14 +216,14 @@ fn finer_sampling_shrinks_the_steps() {
         prop_assert!(finest <= 0.15 * fine, "{fine} {finest}");
         judged.add(kind.label(), 1);
     });
-    judged.demand(4, 5);
+    judged.demand(8, 5);
 }
 
 /// (e): rigid motions, and renumbering of nodes and triangles, change nothing.
 #[test]
 fn only_the_shape_counts() {
     let judged = Judged::default();
-    proptest!(cases(80), |(seed in any::<u64>(), kind in kinds(3, ratio(4.0)))| {
+    proptest!(cases(160), |(seed in any::<u64>(), kind in kinds(3, ratio(4.0)))| {
         let mut chance = Chance::new(seed);
         // Not the block: it snaps, and a snap turns rounding into another contact point.
         let body = Kind { mesh: if kind.mesh == 4 { 5 } else { kind.mesh }, ..kind }.body(&mut chance, 0.35, 0.3);
@@ -209,12 +242,14 @@ fn only_the_shape_counts() {
             }
             largest = largest.max(force(&a).length());
             let error = (turn * force(&a) - force(&b)).length();
-            prop_assert!(error <= 1e-5 * (largest + 0.1), "{error}");
+            // Just after onset, where a step is far longer than friction holds, a coupled slip's last iterates choose its side.
+            let least = if kind.is_coupled() { 1.0 } else { 0.1 };
+            prop_assert!(error <= 1e-5 * (largest + least), "{error}");
             prop_assert!((a.energy.work_j - b.energy.work_j).abs() < 1e-6 * (1e-3 + a.energy.work_j.abs()));
             judged.add(kind.label(), u64::from(a.flags.has(Flags::IN_CONTACT)));
         }
     });
-    judged.demand(6, 200);
+    judged.demand(12, 200);
 }
 
 /// The same body moved, with its nodes, triangles, triangles' corners and test points in other orders.
@@ -228,7 +263,7 @@ fn renumbered(body: &Body, chance: &mut Chance, turn: DMat3, moved: impl Fn(DVec
         (order, new_of)
     };
     let (order, new_of) = shuffled(body.nodes().len());
-    let (points, new_point) = shuffled(parts.responses.len());
+    let (points, new_point) = shuffled(parts.test_point_nodes.len());
     let positions = order.iter().map(|&old| moved(body.nodes()[old].position)).collect();
     let mut triangles: Vec<[u32; 3]> = Vec::new();
     for element in body.elements() {
@@ -249,7 +284,11 @@ fn renumbered(body: &Body, chance: &mut Chance, turn: DMat3, moved: impl Fn(DVec
     Body::new(BodyParts {
         surface: Surface::build(&TriangleMesh { positions, triangles }, f64::INFINITY).unwrap(),
         mixes: order.iter().map(mix).collect(),
-        responses: points.iter().map(|&old| parts.responses[old].clone()).collect(),
+        responses: points.iter().filter_map(|&old| parts.responses.get(old).cloned()).collect(),
+        coupled: parts.coupled.map(|law| CoupledLaw {
+            potentials: points.iter().map(|&old| turned_potential(&law.potentials[old], turn)).collect(),
+            ..law
+        }),
         test_point_nodes: points.iter().map(|&old| new_of[parts.test_point_nodes[old] as usize]).collect(),
         lateral_tensors: tensors,
         ..body.parts()
@@ -258,14 +297,18 @@ fn renumbered(body: &Body, chance: &mut Chance, turn: DMat3, moved: impl Fn(DVec
     .with_tank(body.has_tank())
 }
 
+fn turned_potential(potential: &Potential, turn: DMat3) -> Potential {
+    Potential { tangents: potential.tangents.map(|t| turn * t), ..potential.clone() }
+}
+
 /// (f): a closed loop in stick does no work.
 #[test]
 fn a_loop_in_stick_does_no_work() {
     let judged = Judged::default();
-    proptest!(cases(60), |(seed in any::<u64>(), kind in kinds(3, ratio(20.0)))| {
+    proptest!(cases(120), |(seed in any::<u64>(), kind in kinds(3, ratio(20.0)))| {
         let mut chance = Chance::new(seed);
         // As much friction as a body may be given.
-        let body = kind.body(&mut chance, 0.6, if kind.made { 60.0 } else { 1e4 });
+        let body = kind.body(&mut chance, 0.6, if kind.make == Make::Made { 60.0 } else { 1e4 });
         let nodes = body.element_nodes(chance.below(body.elements().len()) as u32);
         let inward = (nodes[0].inward + nodes[1].inward + nodes[2].inward).normalize();
         let p = (nodes[0].position + nodes[1].position + nodes[2].position) / 3.0 - inward * body.tool().radius_m();
@@ -286,10 +329,11 @@ fn a_loop_in_stick_does_no_work() {
         }
         let end = step(&mut contact, &body, start);
         let work = end.energy.work_j - begin.energy.work_j;
-        prop_assert!(work.abs() <= 1e-10 * moved, "{work} of {moved}");
+        let most = if kind.is_coupled() { 1e-12 } else { 1e-10 };
+        prop_assert!(work.abs() <= most * moved, "{work} of {moved}");
         judged.add(kind.label(), 1);
     });
-    judged.demand(6, 4);
+    judged.demand(12, 4);
 }
 
 /// The generator makes what it is for.
@@ -298,7 +342,8 @@ fn made_bodies_have_what_people_make() {
     let mut chance = Chance::new(31);
     let (mut narrow, mut wide, mut widest, mut mixed, mut nodes, mut spheres) = (0, 0, 0, 0, 0, 0);
     for i in 0..60 {
-        let kind = Kind { made: true, mesh: i % KINDS, rule: SlipRule::Paper, ratio: [1.0, 3.0][i % 2] };
+        let kind =
+            Kind { make: Make::Made, mesh: i % KINDS, rule: SlipRule::Paper, ratio: [1.0, 3.0][i % 2] };
         let body = kind.body(&mut chance, 0.35, 0.3);
         assert_eq!(body.is_isotropic(), i % 2 == 0);
         for node in body.nodes() {
