@@ -1,5 +1,6 @@
 //! What the tank costs: where slip waits for it and lets go later, the force may change by more than the tool's way allows.
-//! On surfaces whose facets lie within 5 µm of the smooth one that is at most 1 mN a step.
+//! On surfaces whose facets lie within 5 µm of the smooth one that is at most 1 mN a step for `consistent`, however the
+//! stiffness varies, and for `paper` where it varies by no more than friction pays for (certificate P).
 
 mod common;
 
@@ -44,8 +45,8 @@ const SMOOTH: [Smooth; 4] = [
     },
     Smooth {
         name: "torus",
-        mesh: || torus(0.03, 0.015, 240, 120),
-        distance: |p| (DVec2::new(libm::hypot(p.x, p.y) - 0.03, p.z).length() - 0.015).abs(),
+        mesh: || torus(0.02, 0.01, 272, 136),
+        distance: |p| (DVec2::new(libm::hypot(p.x, p.y) - 0.02, p.z).length() - 0.01).abs(),
     },
     Smooth {
         name: "cylinder",
@@ -63,10 +64,10 @@ fn sagitta(shape: &Smooth, mesh: &TriangleMesh) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// 1 : 19 in stiffness within 3 cm, so that a slip uphill may take more than friction pays.
-fn decoupled(mesh: &TriangleMesh, chance: &mut Chance) -> Body {
+/// Stiffness that varies by `spread` within 3 cm.
+fn decoupled(mesh: &TriangleMesh, chance: &mut Chance, spread: f64) -> Body {
     let [a, b] = [(); 2].map(|()| chance.direction() * 100.0);
-    let wave = |p: DVec3, d: DVec3| 1.0 + 0.9 * libm::sin(p.dot(d));
+    let wave = |p: DVec3, d: DVec3| 1.0 + spread * libm::sin(p.dot(d));
     let feel = Feel {
         kz: &|p| 600.0 * wave(p, a),
         kr: &|p| 500.0 * wave(p, b),
@@ -76,8 +77,8 @@ fn decoupled(mesh: &TriangleMesh, chance: &mut Chance) -> Body {
     body_of(Surface::build(mesh, f64::INFINITY).unwrap(), feel)
 }
 
-fn coupled(mesh: &TriangleMesh, chance: &mut Chance) -> Body {
-    let mut parts = coupled::coupled(mesh, chance, 0.9, FRICTION, 0.0).parts();
+fn coupled(mesh: &TriangleMesh, chance: &mut Chance, spread: f64) -> Body {
+    let mut parts = coupled::coupled(mesh, chance, spread, FRICTION, 0.0).parts();
     for potential in parts.coupled.iter_mut().flat_map(|law| &mut law.potentials) {
         let knots = potential.friction.knots().to_vec();
         let (level, flat) = (vec![FRICTION; knots.len()], vec![0.0; knots.len()]);
@@ -132,20 +133,26 @@ fn on_a_fine_surface_slip_that_waited_is_not_felt() {
         let mesh = (shape.mesh)();
         let sagitta = sagitta(shape, &mesh);
         assert!(sagitta > 0.2 * SAGITTA_M && sagitta <= SAGITTA_M, "{}: {sagitta} m", shape.name);
-        let mut chance = Chance::new(53);
-        let bodies = [("decoupled", decoupled(&mesh, &mut chance)), ("coupled", coupled(&mesh, &mut chance))];
-        for (law, body) in &bodies {
-            for rule in [SlipRule::Paper, SlipRule::Consistent] {
-                let felt = lead(body, rule, &mut Chance::new(7));
-                println!(
-                    "{}, {} triangles, sagitta {:.1} µm, {law}, {}: {felt:?}",
-                    shape.name,
-                    mesh.triangles.len(),
-                    sagitta * 1e6,
-                    rule.name()
-                );
-                assert!(felt.judged > 1000 && felt.held_back > 0, "{felt:?}");
-                assert!(felt.excess_n <= CLICK_N, "{}, {law}, {rule:?}: {felt:?}", shape.name);
+        println!("{}, {} triangles, sagitta {:.1} µm", shape.name, mesh.triangles.len(), sagitta * 1e6);
+        for (grading, spread) in [("1 : 1.5", 0.2), ("1 : 19", 0.9)] {
+            let mut chance = Chance::new(53);
+            let bodies = [
+                ("decoupled", decoupled(&mesh, &mut chance, spread)),
+                ("coupled", coupled(&mesh, &mut chance, spread)),
+            ];
+            for (law, body) in &bodies {
+                for rule in [SlipRule::Paper, SlipRule::Consistent] {
+                    let felt = lead(body, rule, &mut Chance::new(7));
+                    println!("  {grading}, {law}, {}: {felt:?}", rule.name());
+                    assert!(felt.judged > 1000, "{felt:?}");
+                    if rule == SlipRule::Paper && spread > 0.5 {
+                        // Here the rule drags the contact point uphill farther than friction pays for, on any mesh: it waits,
+                        // and lets go in steps that are felt.
+                        assert!(felt.held_back > 0 && felt.excess_n > CLICK_N, "{felt:?}");
+                    } else {
+                        assert!(felt.excess_n <= CLICK_N, "{}, {law}, {rule:?}: {felt:?}", shape.name);
+                    }
+                }
             }
         }
     }
