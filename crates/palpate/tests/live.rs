@@ -382,6 +382,7 @@ fn a_device_that_fails_ends_the_others_loop_too() {
         },
         safety: Safety { soft_start_s: 0.05, ..Safety::default() },
         slip: None,
+        no_tank: false,
         ablation: Ablation::None,
         coupling_n_per_m: None,
         place: Place::default(),
