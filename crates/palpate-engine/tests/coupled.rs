@@ -5,7 +5,7 @@ mod common;
 #[path = "common/coupled.rs"]
 mod bodies;
 
-use bodies::{RANGE_M, coupled, sparse};
+use bodies::{RANGE_M, as_coupled, coupled, sparse};
 use common::*;
 use glam::DVec3;
 use palpate_body::{Body, SlipRule, TriangleMesh};
@@ -152,5 +152,37 @@ fn a_stuck_contact_releases_continuously() {
             last = force(&o);
         }
         assert_eq!(last, DVec3::ZERO);
+    }
+}
+
+/// A decoupled law written as a coupled one gives the same forces: on a plane to rounding, on a ball to the second order of
+/// the angle between its nodes' tangent planes and the contact's.
+#[test]
+fn a_decoupled_law_is_a_special_case() {
+    for rule in SlipRule::ALL {
+        for (mesh, most) in [(patch(0.08, 9), 1e-9), (ellipsoid(DVec3::splat(0.03), 3), 1e-3)] {
+            let plain = ruled(&uniform(&mesh, 500.0, 400.0, 0.3), rule);
+            let other = as_coupled(&mesh, [500.0, 400.0, 0.3], rule);
+            let mut contacts =
+                [&plain, &other].map(|b| Contact::with_slip(b, rule, Ablation::None).with_tank(false));
+            let top = if mesh.positions.len() == 100 { DVec3::ZERO } else { DVec3::Z * 0.03 };
+            let (mut slid, mut worst, mut largest) = (0, 0.0f64, 0.0f64);
+            for i in 0..1200 {
+                let t = f64::from(i) * 1e-3;
+                let down = 2.5e-3 * libm::sin(9.0 * t) + 5e-4;
+                let x = top + DVec3::new(5e-3 * libm::sin(7.0 * t) + 3e-4, 4e-3 * libm::sin(11.0 * t), -down);
+                let a = step(&mut contacts[0], &plain, x);
+                let b = step(&mut contacts[1], &other, x);
+                assert_eq!(a.flags.has(Flags::IN_CONTACT), b.flags.has(Flags::IN_CONTACT), "{rule:?} {i}");
+                worst = worst.max((force(&a) - force(&b)).length());
+                largest = largest.max(force(&a).length());
+                slid += usize::from(a.flags.has(Flags::SLIPPING) && b.flags.has(Flags::SLIPPING));
+            }
+            println!("{rule:?}: {worst:.2e} of {largest:.2} N, {slid} slips");
+            assert!(
+                worst <= most * largest && slid > 200 && largest > 0.2,
+                "{rule:?}: {worst} of {largest} N, {slid}"
+            );
+        }
     }
 }
