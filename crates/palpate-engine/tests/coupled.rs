@@ -8,7 +8,7 @@ mod bodies;
 use bodies::{RANGE_M, as_coupled, coupled, sparse};
 use common::*;
 use glam::DVec3;
-use palpate_body::{Body, SlipRule, TriangleMesh};
+use palpate_body::{Body, Curve, Extension, SlipRule, TriangleMesh};
 use palpate_engine::{Ablation, Contact, Flags};
 use proptest::prelude::*;
 
@@ -184,5 +184,39 @@ fn a_decoupled_law_is_a_special_case() {
                 "{rule:?}: {worst} of {largest} N, {slid}"
             );
         }
+    }
+}
+
+/// A stuck stiffness that falls with depth takes f_z to 0 far aside, at a positive depth. The limit is 0 there: the contact
+/// point follows, no force jumps, and the contact goes on.
+#[test]
+fn where_the_normal_force_vanishes_the_contact_goes_on() {
+    let mut parts = as_coupled(&patch(0.08, 9), [300.0, 400.0, 1e4], SlipRule::Paper).parts();
+    for potential in &mut parts.coupled.as_mut().unwrap().potentials {
+        let softer =
+            |k: f64| Curve::hermite(&[0.0, 8e-3], &[k, 0.2 * k], &[0.0; 2], Extension::Constant).unwrap();
+        potential.stiffness = [softer(600.0), softer(0.0), softer(600.0)];
+    }
+    let body = Body::new(parts).unwrap();
+    for (rule, tank) in SlipRule::ALL.into_iter().flat_map(|rule| [(rule, false), (rule, true)]) {
+        let mut steepest = [0.0f64; 2];
+        let (mut least, mut slid) = (f64::INFINITY, 0);
+        for (fine, steepest) in steepest.iter_mut().enumerate() {
+            let spacing = [1e-5, 1e-6][fine];
+            let mut contact = Contact::with_slip(&body, rule, Ablation::None).with_tank(tank);
+            step(&mut contact, &body, DVec3::new(-1e-2, 1e-3, 1e-3));
+            let mut last = force(&step(&mut contact, &body, DVec3::new(-1e-2, 1e-3, -2e-3)));
+            for i in 1..=(1.5e-2 / spacing) as u32 {
+                let o = step(&mut contact, &body, DVec3::new(-1e-2 + spacing * f64::from(i), 1e-3, -2e-3));
+                assert!(o.flags.has(Flags::IN_CONTACT) && imbalance(&o) < 1e-9, "{rule:?} {i} {o:?}");
+                *steepest = steepest.max((force(&o) - last).length());
+                last = force(&o);
+                least = least.min(last.z);
+                slid += usize::from(o.flags.has(Flags::SLIPPING));
+            }
+        }
+        println!("{rule:?} {tank}: steps {steepest:?} N, least f_z {least:.2e} N, {slid} slips");
+        assert!(slid > 100 && least < 1e-3, "{rule:?} {tank}: {slid} {least}");
+        assert!(steepest[1] < 0.15 * steepest[0], "{rule:?} {tank}: {steepest:?}");
     }
 }
