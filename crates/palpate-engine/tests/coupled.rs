@@ -5,10 +5,10 @@ mod common;
 #[path = "common/coupled.rs"]
 mod bodies;
 
-use bodies::{RANGE_M, coupled, sparse};
+use bodies::{RANGE_M, as_coupled, coupled, sparse};
 use common::*;
 use glam::DVec3;
-use palpate_body::{Body, SlipRule, TriangleMesh};
+use palpate_body::{Body, Curve, Extension, SlipRule, TriangleMesh};
 use palpate_engine::{Ablation, Contact, Flags};
 use proptest::prelude::*;
 
@@ -152,5 +152,71 @@ fn a_stuck_contact_releases_continuously() {
             last = force(&o);
         }
         assert_eq!(last, DVec3::ZERO);
+    }
+}
+
+/// A decoupled law written as a coupled one gives the same forces: on a plane to rounding, on a ball to the second order of
+/// the angle between its nodes' tangent planes and the contact's.
+#[test]
+fn a_decoupled_law_is_a_special_case() {
+    for rule in SlipRule::ALL {
+        for (mesh, most) in [(patch(0.08, 9), 1e-9), (ellipsoid(DVec3::splat(0.03), 3), 1e-3)] {
+            let plain = ruled(&uniform(&mesh, 500.0, 400.0, 0.3), rule);
+            let other = as_coupled(&mesh, [500.0, 400.0, 0.3], rule);
+            let mut contacts =
+                [&plain, &other].map(|b| Contact::with_slip(b, rule, Ablation::None).with_tank(false));
+            let top = if mesh.positions.len() == 100 { DVec3::ZERO } else { DVec3::Z * 0.03 };
+            let (mut slid, mut worst, mut largest) = (0, 0.0f64, 0.0f64);
+            for i in 0..1200 {
+                let t = f64::from(i) * 1e-3;
+                let down = 2.5e-3 * libm::sin(9.0 * t) + 5e-4;
+                let x = top + DVec3::new(5e-3 * libm::sin(7.0 * t) + 3e-4, 4e-3 * libm::sin(11.0 * t), -down);
+                let a = step(&mut contacts[0], &plain, x);
+                let b = step(&mut contacts[1], &other, x);
+                assert_eq!(a.flags.has(Flags::IN_CONTACT), b.flags.has(Flags::IN_CONTACT), "{rule:?} {i}");
+                worst = worst.max((force(&a) - force(&b)).length());
+                largest = largest.max(force(&a).length());
+                slid += usize::from(a.flags.has(Flags::SLIPPING) && b.flags.has(Flags::SLIPPING));
+            }
+            println!("{rule:?}: {worst:.2e} of {largest:.2} N, {slid} slips");
+            assert!(
+                worst <= most * largest && slid > 200 && largest > 0.2,
+                "{rule:?}: {worst} of {largest} N, {slid}"
+            );
+        }
+    }
+}
+
+/// A stuck stiffness that falls with depth takes f_z to 0 far aside, at a positive depth. The limit is 0 there: the contact
+/// point follows, no force jumps, and the contact goes on.
+#[test]
+fn where_the_normal_force_vanishes_the_contact_goes_on() {
+    let mut parts = as_coupled(&patch(0.08, 9), [300.0, 400.0, 1e4], SlipRule::Paper).parts();
+    for potential in &mut parts.coupled.as_mut().unwrap().potentials {
+        let softer =
+            |k: f64| Curve::hermite(&[0.0, 8e-3], &[k, 0.2 * k], &[0.0; 2], Extension::Constant).unwrap();
+        potential.stiffness = [softer(600.0), softer(0.0), softer(600.0)];
+    }
+    let body = Body::new(parts).unwrap();
+    for (rule, tank) in SlipRule::ALL.into_iter().flat_map(|rule| [(rule, false), (rule, true)]) {
+        let mut steepest = [0.0f64; 2];
+        let (mut least, mut slid) = (f64::INFINITY, 0);
+        for (fine, steepest) in steepest.iter_mut().enumerate() {
+            let spacing = [1e-5, 1e-6][fine];
+            let mut contact = Contact::with_slip(&body, rule, Ablation::None).with_tank(tank);
+            step(&mut contact, &body, DVec3::new(-1e-2, 1e-3, 1e-3));
+            let mut last = force(&step(&mut contact, &body, DVec3::new(-1e-2, 1e-3, -2e-3)));
+            for i in 1..=(1.5e-2 / spacing) as u32 {
+                let o = step(&mut contact, &body, DVec3::new(-1e-2 + spacing * f64::from(i), 1e-3, -2e-3));
+                assert!(o.flags.has(Flags::IN_CONTACT) && imbalance(&o) < 1e-9, "{rule:?} {i} {o:?}");
+                *steepest = steepest.max((force(&o) - last).length());
+                last = force(&o);
+                least = least.min(last.z);
+                slid += usize::from(o.flags.has(Flags::SLIPPING));
+            }
+        }
+        println!("{rule:?} {tank}: steps {steepest:?} N, least f_z {least:.2e} N, {slid} slips");
+        assert!(slid > 100 && least < 1e-3, "{rule:?} {tank}: {slid} {least}");
+        assert!(steepest[1] < 0.15 * steepest[0], "{rule:?} {tank}: {steepest:?}");
     }
 }

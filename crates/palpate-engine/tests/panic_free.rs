@@ -55,7 +55,7 @@ fn calls(assembly: &str) -> Calls {
     bodies.into_iter().map(|(function, body)| (function.to_string(), callees(&body))).collect()
 }
 
-/// What is known of a register, along a stretch without labels.
+/// What is known of a register.
 #[derive(Clone, PartialEq)]
 enum Held<'a> {
     /// A function's address.
@@ -65,39 +65,82 @@ enum Held<'a> {
     /// An entry of it: how far its target is from the table.
     Entry(&'a str),
     /// The sum of both.
-    Target,
+    Target(&'a str),
 }
 
+/// What is known of the registers.
+type Registers<'a> = BTreeMap<&'a str, Held<'a>>;
+
+/// The callees of a function. What is known at a label is what all ways to it agree on.
 fn callees(body: &[&str]) -> BTreeSet<Option<String>> {
+    let mut at_labels = BTreeMap::new();
+    loop {
+        let before = at_labels.clone();
+        let found = walk(body, &mut at_labels);
+        if at_labels == before {
+            return found;
+        }
+    }
+}
+
+/// Once through the body; `at_labels` holds what is known at labels, and only ever loses some of it.
+fn walk<'a>(body: &[&'a str], at_labels: &mut BTreeMap<&'a str, Registers<'a>>) -> BTreeSet<Option<String>> {
     let mut found = BTreeSet::new();
-    let mut held: BTreeMap<&str, Held> = BTreeMap::new();
+    // None where the line before does not go on.
+    let mut held: Option<Registers> = Some(BTreeMap::new());
+    fn meet<'a>(known: &mut BTreeMap<&'a str, Registers<'a>>, label: &'a str, way: &Registers<'a>) {
+        match known.get_mut(label) {
+            Some(known) => known.retain(|register, value| way.get(register) == Some(value)),
+            None => drop(known.insert(label, way.clone())),
+        }
+    }
     for line in body {
         let mut words = line.split_whitespace();
         let Some(operation) = words.next() else { continue };
-        if operation.ends_with(':') {
-            held.clear();
+        if let Some(label) = operation.strip_suffix(':') {
+            if let Some(held) = &held {
+                meet(at_labels, label, held);
+            }
+            held = match at_labels.get(label) {
+                Some(known) if label.starts_with(".LBB") => Some(known.clone()),
+                // Reached from farther down alone: known the next time.
+                None if is_target(body, label) => None,
+                // Whatever else leads to a label, such as unwinding, knows nothing.
+                _ => Some(BTreeMap::new()),
+            };
         }
         if operation.ends_with(':') || operation.starts_with('.') {
             continue;
         }
+        let Some(known) = &mut held else { continue };
         let operands: Vec<&str> = words.flat_map(|w| w.split_inclusive([')', ','])).collect();
-        let operands = operands.concat();
+        let (first, operands) = (operands.first().copied(), operands.concat());
         let jump = operation.starts_with('j');
         if !operation.starts_with("call") && !jump {
-            follow(&mut held, body, operation, &operands);
+            follow(known, body, operation, &operands);
+            if operation.starts_with("ret") || operation.starts_with("ud2") {
+                held = None;
+            }
             continue;
         }
         match operands.strip_prefix('*') {
-            // Jumps within the function go to local labels, or through a table of them.
-            _ if operands.starts_with(".L") => {}
+            _ if operands.starts_with(".L") => {
+                let label = first.and_then(|l| l.starts_with(".LBB").then_some(l));
+                label.iter().for_each(|label| meet(at_labels, label, known));
+            }
             None => {
                 found.insert(Some(operands.trim_end_matches("@PLT").to_string()));
             }
             Some(slot) if slot.contains("@GOTPCREL") => {
                 found.insert(slot.split('@').next().map(String::from));
             }
-            Some(register) => match family(register).and_then(|r| held.get(r)) {
-                Some(Held::Target) if jump => {}
+            Some(register) => match family(register).and_then(|r| known.get(r)) {
+                Some(Held::Target(table)) if jump => {
+                    own_table(body, table)
+                        .iter()
+                        .flat_map(|(_, labels)| labels)
+                        .for_each(|l| meet(at_labels, l, known));
+                }
                 Some(Held::Function(name)) => {
                     found.insert(Some(name.to_string()));
                 }
@@ -107,18 +150,37 @@ fn callees(body: &[&str]) -> BTreeSet<Option<String>> {
             },
         }
         if !jump {
-            held.retain(|register, _| PRESERVED.contains(register));
+            known.retain(|register, _| PRESERVED.contains(register));
+        } else if operation.starts_with("jmp") {
+            held = None;
         }
     }
     found
 }
 
+/// Whether a jump or a jump table names it.
+fn is_target(body: &[&str], label: &str) -> bool {
+    let names = |line: &&str| {
+        let mut words = line.split_whitespace();
+        let (first, second) = (words.next().unwrap_or_default(), words.next().unwrap_or_default());
+        first.starts_with('j') && second == label
+            || first == ".long" && second.split('-').next() == Some(label)
+    };
+    body.iter().any(names)
+}
+
 /// What an instruction that neither calls nor jumps makes of the registers.
 fn follow<'a>(held: &mut BTreeMap<&'a str, Held<'a>>, body: &[&'a str], operation: &str, operands: &str) {
+    let product = ["mul", "div", "imul", "idiv"]
+        .iter()
+        .any(|o| operation.strip_prefix(o).is_some_and(|size| ["b", "w", "l", "q"].contains(&size)));
+    if product && !operands.contains(',') {
+        held.retain(|register, _| !["ax", "dx"].contains(register));
+        return;
+    }
     // Those that write more than their last operand.
-    let hidden = ["mul", "div", "imul", "idiv", "xchg", "xadd", "cmpxchg", "rep", "lock", "cpuid"];
-    let several = hidden.iter().any(|o| operation.starts_with(o)) && !operation.starts_with("imul")
-        || operation.starts_with("imul") && !operands.contains(',');
+    let hidden = ["xchg", "xadd", "cmpxchg", "rep", "lock", "cpuid"];
+    let several = hidden.iter().any(|o| operation.starts_with(o));
     let Some(written) = operands.rsplit(',').next().filter(|o| !o.is_empty() && !several) else {
         held.clear();
         return;
@@ -128,12 +190,16 @@ fn follow<'a>(held: &mut BTreeMap<&'a str, Held<'a>>, body: &[&'a str], operatio
     // Names that live as long as the body.
     let name = |mark: &str| body.iter().find_map(|l| l.split([' ', '\t', '*']).find(|w| w.starts_with(mark)));
     let value = match operation {
+        "movq" if source.starts_with('%') => family(source).and_then(|s| held.get(s)).cloned(),
         "movq" => source
             .split_once("@GOTPCREL")
             .and_then(|(symbol, _)| name(&format!("{symbol}@")))
             .and_then(|word| word.split('@').next())
             .map(Held::Function),
-        "leaq" => source.strip_suffix("(%rip)").and_then(|table| own_table(body, table)).map(Held::Table),
+        "leaq" => source
+            .strip_suffix("(%rip)")
+            .and_then(|table| own_table(body, table))
+            .map(|(table, _)| Held::Table(table)),
         "movslq" => (source.strip_prefix('(').and_then(|s| s.strip_suffix(",4)")))
             .and_then(|s| family(s.split(',').next()?))
             .and_then(|base| match held.get(base) {
@@ -141,8 +207,8 @@ fn follow<'a>(held: &mut BTreeMap<&'a str, Held<'a>>, body: &[&'a str], operatio
                 _ => None,
             }),
         "addq" => match (family(source).and_then(|s| held.get(s)), held.get(register)) {
-            (Some(Held::Table(a)), Some(Held::Entry(b))) if a == b => Some(Held::Target),
-            (Some(Held::Entry(a)), Some(Held::Table(b))) if a == b => Some(Held::Target),
+            (Some(Held::Table(a)), Some(Held::Entry(b))) if a == b => Some(Held::Target(a)),
+            (Some(Held::Entry(a)), Some(Held::Table(b))) if a == b => Some(Held::Target(a)),
             _ => None,
         },
         _ => None,
@@ -153,16 +219,17 @@ fn follow<'a>(held: &mut BTreeMap<&'a str, Held<'a>>, body: &[&'a str], operatio
     };
 }
 
-/// The table's label, if it stands in this function and leads to nothing but labels in it.
-fn own_table<'a>(body: &[&'a str], table: &str) -> Option<&'a str> {
+/// The table's label and entries, if it stands in this function and leads to nothing but labels in it.
+fn own_table<'a>(body: &[&'a str], table: &str) -> Option<(&'a str, Vec<&'a str>)> {
     let start = body.iter().position(|l| l.strip_suffix(':') == Some(table))?;
     let label = body[start].strip_suffix(':').filter(|l| l.starts_with(".LJTI"))?;
-    let entries: Vec<_> = body[start + 1..].iter().map_while(|l| l.trim().strip_prefix(".long")).collect();
-    let local = |entry: &&str| {
-        let target = entry.trim().strip_suffix(&format!("-{label}"));
-        target.is_some_and(|t| body.iter().any(|l| l.strip_suffix(':') == Some(t)))
+    let entries = body[start + 1..].iter().map_while(|l| l.trim().strip_prefix(".long"));
+    let local = |entry: &'a str| {
+        let target = entry.trim().strip_suffix(&format!("-{label}"))?;
+        body.iter().any(|l| l.strip_suffix(':') == Some(target)).then_some(target)
     };
-    (!entries.is_empty() && entries.iter().all(local)).then_some(label)
+    let targets: Vec<&str> = entries.map(local).collect::<Option<_>>()?;
+    (!targets.is_empty()).then_some((label, targets))
 }
 
 /// Registers that a call preserves.
@@ -246,7 +313,14 @@ fn only_a_functions_own_table_may_be_jumped_through() {
     assert!(refused(&with(&["movl\t%esi, %edx", "jmpq\t*%rdx"])));
     assert!(refused(&with(&["mulq\t%rsi", "jmpq\t*%rdx"])));
     assert!(refused(&with(&["callq\tg", "jmpq\t*%rdx"])));
-    assert!(refused(&format!("{}.LBB0_3:\n\tjmpq\t*%rdx\n", with(&[]))));
+    let after_label = |way: &str| format!("{way}{}.LBB0_3:\n\tjmpq\t*%rdx\n", with(&[]));
+    assert!(!refused(&after_label("")));
+    assert!(refused(&after_label("\tje\t.LBB0_3\n")));
+    assert!(refused(&after_label("").replace("BB0_3", "tmp3")), "unwinding may lead there");
+    // Also a way from below.
+    let below = format!("\tje\t.LBB0_4\n{}.LBB0_4:\n\tmovl\t%esi, %edx\n\tjmp\t.LBB0_3\n", after_label(""));
+    assert!(refused(&below));
+    assert!(!refused(&below.replace("movl\t%esi, %edx", "jmp\t.LBB0_2")));
     // Half of it, and another function's table.
     assert!(refused(&lines(&[load[0], load[1], "jmpq\t*%rdx"])));
     assert!(refused(&lines(&[load[0], "jmpq\t*%rcx"])));
@@ -256,4 +330,8 @@ fn only_a_functions_own_table_may_be_jumped_through() {
     assert!(!refused(&lines(&["movq\tg@GOTPCREL(%rip), %r14", "callq\t*%r14", "callq\t*%r14"])));
     assert!(refused(&lines(&["movq\th@GOTPCREL(%rip), %r14", "callq\t*%r14"])));
     assert!(refused(&lines(&["movq\tg@GOTPCREL(%rip), %r14", "popq\t%r14", "callq\t*%r14"])));
+    // From register to register.
+    let moved = ["movq\tg@GOTPCREL(%rip), %r14", "movq\t%r14, %r12", "xorl\t%r14d, %r14d", "callq\t*%r12"];
+    assert!(!refused(&lines(&moved)));
+    assert!(refused(&lines(&[moved[0], moved[1], moved[2], "callq\t*%r14"])));
 }

@@ -2,6 +2,9 @@
 
 mod common;
 
+#[path = "common/coupled.rs"]
+mod coupled;
+
 use common::*;
 use glam::DVec3;
 use palpate_body::{Body, BodyParts, BodySource, NodeMix, Patch, SlipRule, StoredBody, Surface, Tool};
@@ -53,7 +56,8 @@ fn lidless(rng: &mut Chance) -> Body {
 /// border, a sphere for a tool.
 fn bodies() -> Vec<Body> {
     let mut rng = Chance::new(50);
-    let round = ellipsoid(DVec3::new(0.03, 0.04, 0.025), 4);
+    let round_of = |levels| ellipsoid(DVec3::new(0.03, 0.04, 0.025), levels);
+    let round = round_of(4);
     let plain = heterogeneous(&round, &mut rng, 0.35, 0.2);
     let few: Vec<u32> = (0..24).map(|_| rng.below(plain.nodes().len()) as u32).collect();
     let mixed = BodyParts {
@@ -77,6 +81,8 @@ fn bodies() -> Vec<Body> {
         anisotropic(&torus(0.04, 0.015, 96, 40), &mut rng, 0.3, 0.3, 1.8),
         uniform(&block(DVec3::splat(0.03), 20), 500.0, 400.0, 0.1),
         heterogeneous(&patch(0.08, 50), &mut rng, 0.3, 0.2),
+        coupled::sparse(&coupled::coupled(&round_of(3), &mut rng, 0.3, 0.3, 2e-3), 5),
+        coupled::coupled(&round_of(3), &mut rng, 0.3, 0.3, 0.0),
         plain,
     ]
 }

@@ -5,6 +5,10 @@ mod slow;
 
 mod common;
 
+#[path = "common/coupled.rs"]
+mod bodies;
+
+use bodies::{coupled, sparse};
 use common::made::{Making, made_body};
 use common::*;
 use glam::DVec3;
@@ -23,22 +27,41 @@ fn mesh(kind: usize) -> TriangleMesh {
     }
 }
 
-/// A random body, plain or as `fit` makes it: then for a point or a sphere with radii up to `largest`, m.
-fn body(made: bool, kind: usize, rng: &mut Chance, making: Making, largest: f64) -> Body {
+/// What a body's responses are: each node its own, as `fit` makes them, or coupled potentials, one a node or few.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Sort {
+    Plain,
+    Made,
+    Coupled,
+    Sparse,
+}
+
+impl Sort {
+    fn is_coupled(self) -> bool {
+        matches!(self, Sort::Coupled | Sort::Sparse)
+    }
+}
+
+fn sort() -> impl Strategy<Value = Sort> {
+    (0usize..4).prop_map(|i| [Sort::Plain, Sort::Made, Sort::Coupled, Sort::Sparse][i])
+}
+
+/// A random body, for a point, or, unless it is plain, for a sphere with a radius up to `largest`, m.
+fn body(sort: Sort, kind: usize, rng: &mut Chance, making: Making, largest: f64) -> Body {
     let Making { spread, friction, ratio, slip, .. } = making;
-    if !made {
+    if sort == Sort::Plain {
         return ruled(&anisotropic(&mesh(kind), rng, spread, friction, ratio), slip);
     }
     let radius_m = if rng.below(2) == 0 { 0.0 } else { rng.range(0.1, 1.0) * largest };
-    made_body(&mesh(kind), rng, &Making { radius_m, ..making })
+    if sort == Sort::Made {
+        return made_body(&mesh(kind), rng, &Making { radius_m, ..making });
+    }
+    let own = ruled(&coupled(&mesh(kind), rng, spread, friction, radius_m), slip);
+    if sort == Sort::Coupled { own } else { sparse(&own, 2 + rng.below(8)) }
 }
 
 fn making(spread: f64, friction: f64, ratio: f64, slip: SlipRule) -> Making {
     Making { spread, friction, bare: true, ratio, radius_m: 0.0, slip }
-}
-
-fn sort(made: bool) -> &'static str {
-    if made { "made" } else { "plain" }
 }
 
 /// From above a random element: in, about, and out again.
@@ -67,7 +90,8 @@ fn path(body: &Body, rng: &mut Chance, steps: usize, spacing: f64) -> Vec<DVec3>
 /// The largest difference of the two forces, relative to the largest force, or to 0.1 N: near the surface the friction
 /// limit is far smaller than a step, and the direction of slip is the step size's. And how many steps slipped.
 fn difference(body: &Body, path: &[DVec3]) -> (f64, u64) {
-    let (mut fast, mut slow) = (Contact::new(body), Reference::new(body, SlipRule::Paper));
+    // The slow step has no tank.
+    let (mut fast, mut slow) = (Contact::new(body).with_tank(false), Reference::new(body, SlipRule::Paper));
     let (mut worst, mut largest) = (0.0f64, 0.0f64);
     for &x in path {
         let (output, expected) = (step(&mut fast, body, x), slow.step(x));
@@ -81,14 +105,14 @@ fn difference(body: &Body, path: &[DVec3]) -> (f64, u64) {
 }
 
 /// They slip in other step sizes, so they agree better the finer the path is sampled. For points alone: the slow step's
-/// onset knows no spheres.
+/// onset knows no spheres. For decoupled laws alone: by differences of energies its many small steps take minutes.
 #[test]
 fn the_fast_step_follows_the_slow_one() {
     let judged = Judged::default();
     proptest!(cases(32), |(seed in any::<u64>(), kind in 0usize..5, made in any::<bool>(), ratio in ratio(4.0))| {
-        let mut rng = Chance::new(seed);
+        let (mut rng, sort) = (Chance::new(seed), if made { Sort::Made } else { Sort::Plain });
         let friction = rng.range(0.1, 0.5);
-        let body = body(made, kind, &mut rng, making(0.35, friction, ratio, SlipRule::Paper), 0.0);
+        let body = body(sort, kind, &mut rng, making(0.35, friction, ratio, SlipRule::Paper), 0.0);
         let coarse = path(&body, &mut rng, 120, 1e-4);
         let (error, slid) = difference(&body, &coarse);
         prop_assert!(error < 5e-2, "{error}");
@@ -98,7 +122,7 @@ fn the_fast_step_follows_the_slow_one() {
             .collect();
         let (finer, _) = difference(&body, &fine);
         prop_assert!(finer < (0.3 * error).max(3e-4), "{error} {finer}");
-        judged.add(sort(made), slid);
+        judged.add(format!("{sort:?}"), slid);
     });
     judged.demand(2, 500);
 }
@@ -107,13 +131,13 @@ fn the_fast_step_follows_the_slow_one() {
 #[test]
 fn force_and_limit_are_the_laws() {
     let judged = Judged::default();
-    proptest!(cases(32), |(seed in any::<u64>(), kind in 0usize..5, made in any::<bool>(), ratio in ratio(20.0))| {
+    proptest!(cases(64), |(seed in any::<u64>(), kind in 0usize..5, sort in sort(), ratio in ratio(20.0))| {
         let mut rng = Chance::new(seed);
-        let body = body(made, kind, &mut rng, making(0.5, 0.3, ratio, SlipRule::Paper), 6e-3);
+        let body = body(sort, kind, &mut rng, making(0.5, 0.3, ratio, SlipRule::Paper), 6e-3);
         let spacing = rng.range(1e-5, 2e-3);
         let path = path(&body, &mut rng, 300, spacing);
         let slow = Reference::new(&body, SlipRule::Paper);
-        let mut contact = Contact::new(&body);
+        let mut contact = Contact::new(&body).with_tank(false);
         for &x in &path {
             let output = step(&mut contact, &body, x);
             let Some(at) = output.contact else {
@@ -127,17 +151,19 @@ fn force_and_limit_are_the_laws() {
                 continue;
             }
             let error = (force(&output) - reading.force_on_tool()).length();
-            prop_assert!(error < 1e-9 * (1.0 + reading.fz), "{error}");
+            // Differences of a coupled law's energies are no better.
+            let (relative, absolute) = if sort.is_coupled() { (1e-8, 1e-8) } else { (1e-9, 1e-8) };
+            prop_assert!(error < relative * (1.0 + reading.fz), "{error}");
             let excess = reading.fr - reading.limit;
-            prop_assert!(excess <= 1.1e-6 * reading.limit + 1e-8, "{excess} over {}", reading.limit);
+            prop_assert!(excess <= 1.1e-6 * reading.limit + absolute, "{excess} over {}", reading.limit);
             if output.flags.has(Flags::SLIPPING) && reading.limit > 1e-6 {
-                prop_assert!(excess >= -1.1e-6 * reading.limit - 1e-8, "slipped too far: {excess}");
-                judged.add(sort(made), 1);
+                prop_assert!(excess >= -1.1e-6 * reading.limit - absolute, "slipped too far: {excess}");
+                judged.add(format!("{sort:?}"), 1);
             }
         }
         prop_assert!(imbalance(&step(&mut contact, &body, path[0])) < 1e-9);
     });
-    judged.demand(2, 200);
+    judged.demand(4, 150);
 }
 
 /// Where the rule `consistent` or `exact` has slipped, the drive of the slow step is at the limit; and elsewhere within
@@ -145,15 +171,15 @@ fn force_and_limit_are_the_laws() {
 #[test]
 fn drive_and_limit_are_the_rules() {
     let judged = Judged::default();
-    proptest!(cases(32), |(
-        seed in any::<u64>(), kind in 0usize..5, made in any::<bool>(), exact in any::<bool>(), ratio in ratio(10.0),
+    proptest!(cases(64), |(
+        seed in any::<u64>(), kind in 0usize..5, sort in sort(), exact in any::<bool>(), ratio in ratio(10.0),
     )| {
         let mut rng = Chance::new(seed);
         let rule = if exact { SlipRule::Exact } else { SlipRule::Consistent };
-        let body = body(made, kind, &mut rng, making(0.35, 0.3, ratio, rule), 6e-3);
+        let body = body(sort, kind, &mut rng, making(0.35, 0.3, ratio, rule), 6e-3);
         let path = path(&body, &mut rng, 60, 2e-4);
         let slow = Reference::new(&body, rule);
-        let mut contact = Contact::new(&body);
+        let mut contact = Contact::new(&body).with_tank(false);
         for &x in &path {
             let output = step(&mut contact, &body, x);
             let Some(at) = output.contact else { continue };
@@ -164,13 +190,15 @@ fn drive_and_limit_are_the_rules() {
             let (element, c) = (at.element as usize, DVec3::from_array(at.position_m));
             let reading = slow.read(element, c, x);
             let excess = slow.drive(&reading, element, c, x).length() - reading.limit;
-            prop_assert!(excess <= 2e-6 * (reading.limit + reading.fr) + 1e-6, "{excess} over {}", reading.limit);
+            // A node that mixes many potentials sums their gradients as if their tangent planes were its own.
+            let tolerance = if sort.is_coupled() && !exact { 5e-3 } else { 2e-6 } * (reading.limit + reading.fr);
+            prop_assert!(excess <= tolerance + 1e-6, "{excess} over {}", reading.limit);
             // The exact rule may stop earlier, at an edge where the drive turns round.
             if output.flags.has(Flags::SLIPPING) && reading.limit > 1e-6 && !exact {
-                prop_assert!(excess >= -2e-6 * (reading.limit + reading.fr) - 1e-6, "slipped too far: {excess}");
+                prop_assert!(excess >= -tolerance - 1e-6, "slipped too far: {excess}");
             }
-            judged.add(format!("{rule:?}, {}", sort(made)), u64::from(output.flags.has(Flags::SLIPPING)));
+            judged.add(format!("{rule:?}, {sort:?}"), u64::from(output.flags.has(Flags::SLIPPING)));
         }
     });
-    judged.demand(4, 50);
+    judged.demand(8, 50);
 }

@@ -1,4 +1,5 @@
 //! Bodies with a coupled law for the engine's tests.
+#![allow(dead_code, reason = "each test file uses its own part")]
 
 use super::Chance;
 use glam::DVec3;
@@ -107,4 +108,39 @@ pub fn sparse(body: &Body, every: usize) -> Body {
         law.potentials = kept.iter().map(|&t| law.potentials[t].clone()).collect();
     }
     Body::new(parts).unwrap()
+}
+
+/// A decoupled law of the paper's form as a coupled one: F its normal curve's integral, K = k_r I, all else 0.
+pub fn as_coupled(mesh: &TriangleMesh, [kz, kr, friction]: [f64; 3], slip: SlipRule) -> Body {
+    let surface = Surface::build(mesh, f64::INFINITY).unwrap();
+    let knots = [0.0, 8e-3];
+    let constant = |y: f64| Curve::hermite(&knots, &[y; 2], &[0.0; 2], Extension::Constant).unwrap();
+    let potential = |u: &DVec3| {
+        let t1 = u.any_orthonormal_vector();
+        let (energy, force) =
+            (knots.map(|d| 100.0 * kz * d * d * d / 3.0), knots.map(|d| 100.0 * kz * d * d));
+        Potential {
+            tangents: [t1, u.cross(t1)],
+            press: Curve::hermite(&knots, &energy, &force, Extension::Quadratic).unwrap(),
+            offset: [constant(0.0), constant(0.0)],
+            stiffness: [constant(kr), constant(0.0), constant(kr)],
+            cubic: [(); 4].map(|()| constant(0.0)),
+            quartic: constant(0.0),
+            friction: constant(friction),
+        }
+    };
+    let potentials = surface.inward_normals().iter().map(potential).collect();
+    let count = surface.positions().len() as u32;
+    Body::new(BodyParts {
+        mixes: (0..count).map(NodeMix::own).collect(),
+        surface,
+        responses: Vec::new(),
+        test_point_nodes: (0..count).collect(),
+        coupled: Some(CoupledLaw { range_m: RANGE_M, potentials }),
+        lateral_tensors: None,
+        tool: Tool::Point,
+        slip,
+        provenance: Provenance::default(),
+    })
+    .unwrap()
 }

@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 use glam::DVec3;
-use palpate_body::{Body, Response, SlipRule, tensor};
+use palpate_body::{Body, CoupledLaw, Response, SlipRule, tensor};
 
 /// What the force law reads at one contact point.
 #[derive(Clone, Copy, Debug)]
@@ -16,6 +16,8 @@ pub struct Reading {
     pub fr: f64,
     pub limit: f64,
     pub energy: f64,
+    /// About how fast f_r falls as c moves along u_r, N/m.
+    pub stiffness: f64,
 }
 
 impl Reading {
@@ -27,7 +29,9 @@ impl Reading {
 pub struct Reference<'a> {
     body: &'a Body,
     rule: SlipRule,
+    /// Of the nodes; none with a coupled law.
     responses: Vec<Response>,
+    coupled: Option<CoupledLaw>,
     neighbours: Vec<Vec<usize>>,
     contact: Option<(usize, DVec3)>,
     last: Option<DVec3>,
@@ -38,7 +42,9 @@ pub struct Reference<'a> {
 
 impl<'a> Reference<'a> {
     pub fn new(body: &'a Body, rule: SlipRule) -> Self {
-        let responses = (0..body.nodes().len()).map(|n| body.node_response(n).unwrap()).collect();
+        let coupled = body.parts().coupled;
+        let nodes = if coupled.is_some() { 0 } else { body.nodes().len() };
+        let responses = (0..nodes).map(|n| body.node_response(n).unwrap()).collect();
         let triangles: Vec<[u32; 3]> = body.elements().iter().map(|e| e.nodes).collect();
         let touching = |a: &[u32; 3]| {
             (0..triangles.len()).filter(|&b| triangles[b].iter().any(|n| a.contains(n))).collect::<Vec<_>>()
@@ -52,6 +58,7 @@ impl<'a> Reference<'a> {
             contact: None,
             last: None,
             parts: if body.is_isotropic() { 1 } else { 4 },
+            coupled,
         }
     }
 
@@ -79,6 +86,9 @@ impl<'a> Reference<'a> {
         let depth = delta.dot(u) + self.body.tool().radius_m();
         let tangential = delta - u * delta.dot(u);
         let lateral = tangential.length();
+        if self.coupled.is_some() {
+            return self.read_coupled(nodes, n, u, depth, tangential);
+        }
         let fz = if depth > 0.0 { mix(&|r| r.normal.value(depth)) } else { 0.0 };
         let stretched = |l: usize| {
             let tensors = self.body.lateral_tensors();
@@ -99,7 +109,77 @@ impl<'a> Reference<'a> {
             fr,
             limit: mu * fz,
             energy: stored + mix(&|r| r.lateral.integral(rho)),
+            stiffness: fr / lateral,
         }
+    }
+
+    /// The same of a coupled law, by differences of its energies alone.
+    fn read_coupled(
+        &self,
+        nodes: [usize; 3],
+        n: [f64; 3],
+        u: DVec3,
+        depth: f64,
+        tangential: DVec3,
+    ) -> Reading {
+        let energy = |depth: f64, tangential: DVec3| -> f64 {
+            (0..3).map(|l| n[l] * self.node_energy(nodes[l], depth, tangential)).sum()
+        };
+        let h = 1e-8;
+        let fz = (energy(depth + h, tangential) - energy(depth - h, tangential)) / (2.0 * h);
+        let side = u.any_orthonormal_vector();
+        let pull = [side, u.cross(side)].map(|t| {
+            t * ((energy(depth, tangential + t * h) - energy(depth, tangential - t * h)) / (2.0 * h))
+        });
+        let pull = pull[0] + pull[1];
+        let u_r = pull.normalize_or_zero();
+        let mu: f64 = (0..3).map(|l| n[l] * self.node_friction(nodes[l], depth)).sum();
+        let here = energy(depth, tangential);
+        let h = 1e-5;
+        let bend = energy(depth, tangential + u_r * h) - 2.0 * here + energy(depth, tangential - u_r * h);
+        Reading {
+            u,
+            depth,
+            lateral: tangential.length(),
+            u_r,
+            fz,
+            fr: pull.length(),
+            limit: mu * fz.max(0.0),
+            energy: here,
+            stiffness: bend / (h * h),
+        }
+    }
+
+    /// W of a node's own potentials, J: LAW 2, with the second-order expansion at the rim beyond the range.
+    fn node_energy(&self, node: usize, depth: f64, tangential: DVec3) -> f64 {
+        let law = self.coupled.as_ref().unwrap();
+        self.mixed_of(node, |t| {
+            let potential = &law.potentials[t];
+            let [x, y] = potential.tangents.map(|t| t.dot(tangential));
+            let [f, b1, b2, k11, k12, k22, c111, c112, c122, c222, q, _] =
+                potential.curves().map(|curve| curve.value(depth));
+            let cubic = ((c111 * x + c112 * y) * x + c122 * y * y) * x + c222 * y * y * y;
+            let r = tangential.length();
+            // r³ and r⁴ go on from the rim.
+            let (rim, over) = (r.min(law.range_m), (r - law.range_m).max(0.0));
+            let r3 = rim.powi(3) + 3.0 * rim * rim * over + 3.0 * rim * over * over;
+            let r4 = rim.powi(4) + 4.0 * rim.powi(3) * over + 6.0 * (rim * over).powi(2);
+            let cubic = if r > law.range_m { cubic * (r3 / r.powi(3)) } else { cubic };
+            f + b1 * x + b2 * y + 0.5 * (k11 * x * x + 2.0 * k12 * x * y + k22 * y * y) + cubic + q * r4
+        })
+    }
+
+    fn node_friction(&self, node: usize, depth: f64) -> f64 {
+        let law = self.coupled.as_ref().unwrap();
+        self.mixed_of(node, |t| law.potentials[t].friction.value(depth))
+    }
+
+    fn mixed_of(&self, node: usize, of: impl Fn(usize) -> f64) -> f64 {
+        let node = &self.body.nodes()[node];
+        (0..3)
+            .filter(|&i| node.weights[i] > 0.0)
+            .map(|i| node.weights[i] * of(node.test_points[i] as usize))
+            .sum()
     }
 
     /// The vector that slip follows. Energies are differenced here at the tip held, and no formula of the engine's is used.
@@ -129,6 +209,9 @@ impl<'a> Reference<'a> {
     fn curves_at(&self, l: usize, delta: DVec3, u: DVec3, element: usize, n: [f64; 3]) -> f64 {
         let depth = delta.dot(u) + self.body.tool().radius_m();
         let tangential = delta - u * delta.dot(u);
+        if self.coupled.is_some() {
+            return self.node_energy(l, depth, tangential);
+        }
         let a = self.mixed_tensor(element, n, tangential);
         let rho = a.dot(tangential).sqrt();
         let stored = if depth > 0.0 { self.responses[l].normal.integral(depth) } else { 0.0 };
@@ -152,6 +235,9 @@ impl<'a> Reference<'a> {
         let energy = |u: DVec3| -> f64 {
             let depth = delta.dot(u) + self.body.tool().radius_m();
             let tangential = delta - u * delta.dot(u);
+            if self.coupled.is_some() {
+                return (0..3).map(|i| n[i] * self.node_energy(nodes[i], depth, tangential)).sum();
+            }
             let rho = self.mixed_tensor(element, n, tangential).dot(tangential).sqrt();
             let one = |r: &Response| {
                 (if depth > 0.0 { r.normal.integral(depth) } else { 0.0 }) + r.lateral.integral(rho)
@@ -258,10 +344,10 @@ impl<'a> Reference<'a> {
             let reading = self.read(element, c, tip);
             let drive = self.drive(&reading, element, c, tip);
             let excess = drive.length() - reading.limit;
-            if excess <= 1e-9 * reading.limit + 1e-11 * reading.fr / reading.lateral.max(1e-12) {
+            if excess <= 1e-9 * reading.limit + 1e-11 * reading.stiffness.min(1e12 * reading.fr) {
                 break;
             }
-            let stiffness = (reading.fr / reading.lateral).max(1.0);
+            let stiffness = reading.stiffness.max(1.0);
             let way = drive.normalize_or_zero() * (excess / stiffness / 24.0);
             // Of the elements that hold c, the one in which the projected drive goes inwards.
             let holds = |e: usize| {
