@@ -559,7 +559,7 @@ impl Contact {
             let left = allowed - field.energy;
             if left >= 0.0 {
                 (low, below, above) = ((far, there), left, 0.5 * above);
-                if left <= CLOSE * allowed {
+                if left <= CLOSE * self.energy.stored_j.abs() {
                     break;
                 }
             } else {

@@ -396,7 +396,7 @@ fn on_edge(at: SurfacePoint, [p, q, r]: [DVec3; 3]) -> SurfacePoint {
 /// Whether the energy has risen above `energy` by more than rounding.
 #[inline]
 fn raised(field: &Field, energy: f64) -> bool {
-    field.energy > energy * (1.0 + 1e-14)
+    field.energy > energy + energy.abs() * 1e-14
 }
 
 /// Whether a drive is within the limit, up to [`tolerance`].
