@@ -269,9 +269,9 @@ impl Gradients {
             columns: responses.depth_knots().values().len(),
         };
         let mut sums = NodeSums::default();
-        for l in 0..nodes.len() {
+        for (l, node) in nodes.iter().enumerate() {
             sums.of_node(model, around.of(l), l);
-            gradients.add(model, curves, &nodes[l], &sums);
+            gradients.add(model, curves, node, &sums);
         }
         gradients
     }
