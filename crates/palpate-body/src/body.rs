@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
-/// A node: where it is, which way in, and whose responses it mixes.
+/// A node: where it is, which way in, and whose responses it blends.
 #[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Node {
@@ -32,24 +32,24 @@ pub struct Node {
 }
 
 impl Node {
-    pub(crate) fn new(position: DVec3, inward: DVec3, mix: &NodeMix) -> Self {
-        Node { position, inward, weights: mix.weights, test_points: mix.test_points, padding: 0 }
+    pub(crate) fn new(position: DVec3, inward: DVec3, blend: &BlendWeights) -> Self {
+        Node { position, inward, weights: blend.weights, test_points: blend.test_points, padding: 0 }
     }
 }
 
-/// Whose responses a node mixes (MODEL 1: area interpolation between test points, the paper's Fig. 7).
+/// Whose responses a node blends (MODEL 1: area interpolation between test points, the paper's Fig. 7).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct NodeMix {
+pub struct BlendWeights {
     /// Up to three test points; unused ones repeat another with weight 0.
     pub test_points: [u32; 3],
     /// Weights ≥ 0 with sum 1 (0 to 1 at a fading border).
     pub weights: [f64; 3],
 }
 
-impl NodeMix {
+impl BlendWeights {
     /// A node that is itself test point `t`.
     pub fn own(t: u32) -> Self {
-        NodeMix { test_points: [t; 3], weights: [1.0, 0.0, 0.0] }
+        BlendWeights { test_points: [t; 3], weights: [1.0, 0.0, 0.0] }
     }
 }
 
@@ -211,7 +211,7 @@ pub struct BodyParts {
     /// Geometry and frames.
     pub surface: Surface,
     /// One for each node.
-    pub mixes: Vec<NodeMix>,
+    pub blends: Vec<BlendWeights>,
     /// One for each test point, all on shared knots; none with a coupled law.
     pub responses: Vec<Response>,
     /// The node each test point sits on.
@@ -258,7 +258,7 @@ impl Body {
     pub fn new(parts: BodyParts) -> Result<Self> {
         let BodyParts {
             surface,
-            mixes,
+            blends,
             responses,
             test_point_nodes,
             coupled,
@@ -270,18 +270,18 @@ impl Body {
         let points = coupled.as_ref().map_or(responses.len(), CoupledLaw::len);
         let elements = surface.elements.as_slice();
         check_surface(&surface.positions, &surface.inward, &surface.vertices, elements)?;
-        if mixes.len() != surface.positions.len() {
+        if blends.len() != surface.positions.len() {
             return Err(BodyError::invalid(
                 "nodes",
-                format!("{} mixes for {} nodes", mixes.len(), surface.positions.len()),
+                format!("{} blends for {} nodes", blends.len(), surface.positions.len()),
                 "give one for each",
             ));
         }
         let fades = border_nodes(surface.positions.len(), elements);
-        for (n, (mix, &fades)) in mixes.iter().zip(&fades).enumerate() {
-            check_mix(n, mix, points, fades)?;
+        for (n, (blend, &fades)) in blends.iter().zip(&fades).enumerate() {
+            check_mix(n, blend, points, fades)?;
         }
-        check_test_points(&test_point_nodes, points, mixes.len())?;
+        check_test_points(&test_point_nodes, points, blends.len())?;
         tool.check()?;
         let lateral_tensors = checked_tensors(lateral_tensors, &surface.inward)?;
         let (table, potentials) = match &coupled {
@@ -297,8 +297,8 @@ impl Body {
                 (Responses::knots_alone(knots, law.range_m)?, potentials)
             }
         };
-        let nodes = surface.positions.iter().zip(&surface.inward).zip(&mixes);
-        let nodes = nodes.map(|((&position, &inward), mix)| Node::new(position, inward, mix));
+        let nodes = surface.positions.iter().zip(&surface.inward).zip(&blends);
+        let nodes = nodes.map(|((&position, &inward), blend)| Node::new(position, inward, blend));
         let nodes: Vec<Node> = nodes.collect();
         let search = Search::build(&surface.positions, elements.len(), |e| elements[e].nodes);
         let which = sampled(points);
@@ -364,10 +364,10 @@ impl Body {
                 vertices: self.vertices.clone(),
                 smoothed: 0,
             },
-            mixes: self
+            blends: self
                 .nodes
                 .iter()
-                .map(|n| NodeMix { test_points: n.test_points, weights: n.weights })
+                .map(|n| BlendWeights { test_points: n.test_points, weights: n.weights })
                 .collect(),
             responses: self.curves.clone(),
             test_point_nodes: self.test_point_nodes.clone(),
@@ -409,7 +409,7 @@ impl Body {
         &self.provenance
     }
 
-    /// The curves of one node: the mix of its test points'.
+    /// The curves of one node: the blend of its test points'.
     ///
     /// # Errors
     /// No such node, or a coupled law.
@@ -426,24 +426,24 @@ impl Body {
                 "the body's law is a coupled potential, which has no curves of its own for each direction";
             return Err(BodyError::invalid(format!("node {node}"), problem, "ask for its coupled law"));
         }
-        let mix = |curve: fn(&Response) -> &Curve| {
+        let blend = |curve: fn(&Response) -> &Curve| {
             let terms: Vec<_> = n
                 .weights
                 .iter()
                 .zip(n.test_points)
                 .map(|(&w, t)| (w, curve(&self.curves[t as usize])))
                 .collect();
-            Curve::mix(&terms)
+            Curve::blend(&terms)
         };
         Ok(Response {
-            normal: mix(|r| &r.normal)?,
-            lateral: mix(|r| &r.lateral)?,
-            friction: mix(|r| &r.friction)?,
+            normal: blend(|r| &r.normal)?,
+            lateral: blend(|r| &r.lateral)?,
+            friction: blend(|r| &r.friction)?,
         })
     }
 }
 
-/// The mix of three nodes' inward normals, of unit length.
+/// The blend of three nodes' inward normals, of unit length.
 #[inline]
 pub(crate) fn mixed_inward(inward: [DVec3; 3], n: [f64; 3]) -> DVec3 {
     inward.into_iter().zip(n).map(|(u, n)| u * n).sum::<DVec3>().normalize_or_zero()
@@ -530,21 +530,21 @@ fn checked_tensors(tensors: Option<Vec<Tensor>>, inward: &[DVec3]) -> Result<Vec
 pub(crate) fn check_tensors(tensors: &[Tensor], inward: &[DVec3]) -> Result<()> {
     for (n, (a, u)) in tensors.iter().zip(inward).enumerate() {
         tensor::check(a, *u)
-            .map_err(|(problem, mend)| BodyError::invalid(format!("node {n}"), problem, mend))?;
+            .map_err(|(problem, hint)| BodyError::invalid(format!("node {n}"), problem, hint))?;
     }
     Ok(())
 }
 
-/// What node `n` promises of its mix of so many test points; less than all of them only where it `fades` at a border.
-pub(crate) fn check_mix(n: usize, mix: &NodeMix, test_points: usize, fades: bool) -> Result<()> {
+/// What node `n` promises of its blend of so many test points; less than all of them only where it `fades` at a border.
+pub(crate) fn check_mix(n: usize, blend: &BlendWeights, test_points: usize, fades: bool) -> Result<()> {
     let bad = |problem: String| Err(BodyError::invalid(format!("node {n}"), problem, "make the body again"));
-    if mix.test_points.iter().any(|&t| t as usize >= test_points) {
+    if blend.test_points.iter().any(|&t| t as usize >= test_points) {
         return bad("it names a test point that does not exist".into());
     }
-    let sum: f64 = mix.weights.iter().sum();
+    let sum: f64 = blend.weights.iter().sum();
     let least = if fades { 0.0 } else { 1.0 - 1e-9 };
-    if !(mix.weights.iter().all(|&w| w >= 0.0) && sum >= least && sum <= 1.0 + 1e-9) {
-        return bad(format!("its weights {:?} are negative or do not sum to 1", mix.weights));
+    if !(blend.weights.iter().all(|&w| w >= 0.0) && sum >= least && sum <= 1.0 + 1e-9) {
+        return bad(format!("its weights {:?} are negative or do not sum to 1", blend.weights));
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! One force-deflection or friction curve: a piecewise cubic in Bernstein form.
 //!
-//! Curves are built, refined and drawn here; the running engine reads them mixed, from
+//! Curves are built, refined and drawn here; the running engine reads them blended, from
 //! [`Responses`](crate::Responses).
 
 use crate::error::{BodyError, Result};
@@ -260,9 +260,9 @@ impl Curve {
     ///
     /// # Errors
     /// No curve, or curves on other knots.
-    pub fn mix(terms: &[(f64, &Curve)]) -> Result<Self> {
+    pub fn blend(terms: &[(f64, &Curve)]) -> Result<Self> {
         let Some((_, first)) = terms.first() else {
-            return Err(BodyError::invalid("curve", "no curve to mix", "give at least one"));
+            return Err(BodyError::invalid("curve", "no curve to blend", "give at least one"));
         };
         if terms.iter().any(|(_, c)| c.knots != first.knots) {
             return Err(BodyError::invalid(

@@ -1,4 +1,4 @@
-//! The one error of this crate: what is wrong with the user's input, where, and how to mend it.
+//! The one error of this crate: what is wrong with the user's input, where, and how to correct it.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use std::path::Path;
 #[derive(Debug, thiserror::Error)]
 pub enum BodyError {
     /// The input is wrong; nothing was changed.
-    #[error("{file}{place}: {problem}; {mend}", file = file.as_ref().map(|f| format!("{f}: ")).unwrap_or_default())]
+    #[error("{file}{place}: {problem}; {hint}", file = file.as_ref().map(|f| format!("{f}: ")).unwrap_or_default())]
     Invalid {
         /// The file, once it is known (see [`BodyError::in_file`]).
         file: Option<String>,
@@ -15,7 +15,7 @@ pub enum BodyError {
         /// What is wrong there: what was expected, and what was found.
         problem: String,
         /// What the user can do about it.
-        mend: String,
+        hint: String,
     },
     /// The operating system refused to read or write.
     #[error(
@@ -31,8 +31,8 @@ pub enum BodyError {
 
 impl BodyError {
     /// An input error at `place`, not yet tied to a file.
-    pub fn invalid(place: impl Into<String>, problem: impl Into<String>, mend: impl Into<String>) -> Self {
-        BodyError::Invalid { file: None, place: place.into(), problem: problem.into(), mend: mend.into() }
+    pub fn invalid(place: impl Into<String>, problem: impl Into<String>, hint: impl Into<String>) -> Self {
+        BodyError::Invalid { file: None, place: place.into(), problem: problem.into(), hint: hint.into() }
     }
 
     /// An operating-system error on `path`.
@@ -44,8 +44,8 @@ impl BodyError {
     #[must_use]
     pub fn in_file(self, path: &Path) -> Self {
         match self {
-            BodyError::Invalid { file: None, place, problem, mend } => {
-                BodyError::Invalid { file: Some(path.display().to_string()), place, problem, mend }
+            BodyError::Invalid { file: None, place, problem, hint } => {
+                BodyError::Invalid { file: Some(path.display().to_string()), place, problem, hint }
             }
             other => other,
         }

@@ -4,7 +4,7 @@
 //! contents by [`Curve::from_ordinates`] and [`Body::new`], as for any other body. A tensor that the file's version does
 //! not know is refused, since a response that is left out would render wrong forces.
 
-use crate::body::{Body, BodyParts, NodeMix, Provenance, SlipRule};
+use crate::body::{BlendWeights, Body, BodyParts, Provenance, SlipRule};
 use crate::curve::{Curve, Extension, check_knots};
 use crate::error::{BodyError, Result};
 use crate::law::QUANTITIES;
@@ -204,8 +204,8 @@ impl Body {
             return Err(BodyError::io(path, io::ErrorKind::IsADirectory.into()));
         }
         if old.as_ref().is_some_and(|old| !old.is_file()) || (old.is_none() && path.is_symlink()) {
-            let (problem, mend) = ("it is no ordinary file", "give a file's name");
-            return Err(BodyError::invalid("output", problem, mend).in_file(path));
+            let (problem, hint) = ("it is no ordinary file", "give a file's name");
+            return Err(BodyError::invalid("output", problem, hint).in_file(path));
         }
         let write = || {
             let target = if old.is_some() { std::fs::canonicalize(path)? } else { path.to_path_buf() };
@@ -228,7 +228,7 @@ impl Body {
             Ok(())
         };
         write().map_err(|e: io::Error| {
-            // A temporary file's error names that file, which nobody asked for.
+            // A temporary file's error names that file, which means nothing to the user.
             let cause = e.to_string();
             let cause = cause.split(" at path ").next().unwrap_or_default();
             BodyError::io(path, io::Error::new(e.kind(), cause))
@@ -266,7 +266,7 @@ impl Body {
             responses = all.collect::<Result<_>>()?;
         }
         let elements = file.rows("triangles").zip(file.rows("twins"));
-        let mixes = file.rows("node_test_points").zip(file.rows("node_weights"));
+        let blends = file.rows("node_test_points").zip(file.rows("node_weights"));
         let body = Body::new(BodyParts {
             surface: Surface {
                 smoothed: 0,
@@ -275,7 +275,7 @@ impl Body {
                 elements: elements.map(|(nodes, twins)| Element { nodes, twins }).collect(),
                 vertices: pod_collect_to_vec(file.bytes("vertices")),
             },
-            mixes: mixes.map(|(test_points, weights)| NodeMix { test_points, weights }).collect(),
+            blends: blends.map(|(test_points, weights)| BlendWeights { test_points, weights }).collect(),
             responses,
             test_point_nodes,
             coupled,
@@ -348,7 +348,7 @@ impl Body {
             Ok::<_, serde_json::Error>(header)
         };
         let mut header =
-            encode().map_err(|e| BodyError::invalid("metadata", e.to_string(), "mend the provenance"))?;
+            encode().map_err(|e| BodyError::invalid("metadata", e.to_string(), "correct the provenance"))?;
         header.resize(header.len().next_multiple_of(8), b' ');
         let length = header.len() - LENGTH;
         if length > MAX_HEADER {
@@ -398,14 +398,14 @@ impl Body {
 
 /// What tells one file, or one state of it, from another.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Stamp {
+pub struct Fingerprint {
     bytes: u64,
     modified: Option<std::time::SystemTime>,
     /// Of the file on its disk, where files have one.
     number: Option<u64>,
 }
 
-impl Stamp {
+impl Fingerprint {
     /// Of an open file.
     ///
     /// # Errors
@@ -416,7 +416,7 @@ impl Stamp {
         let number = Some(std::os::unix::fs::MetadataExt::ino(&metadata));
         #[cfg(not(unix))]
         let number = None;
-        Ok(Stamp { bytes: metadata.len(), modified: metadata.modified().ok(), number })
+        Ok(Fingerprint { bytes: metadata.len(), modified: metadata.modified().ok(), number })
     }
 
     /// How long the file is.
@@ -562,8 +562,8 @@ impl<'a> File<'a> {
         if rule != SlipRule::Paper && self.version < 3 {
             let problem =
                 format!("it is `{}`, which files of version {} don't know", rule.name(), self.version);
-            let mend = "make the body again, or write `paper` if it was made for that";
-            return Err(BodyError::invalid("metadata `slip`", problem, mend));
+            let hint = "make the body again, or write `paper` if it was made for that";
+            return Err(BodyError::invalid("metadata `slip`", problem, hint));
         }
         Ok(rule)
     }
@@ -626,8 +626,8 @@ fn tensor(name: &str) -> String {
 /// The same error with a wider place before its own.
 fn within(wider: String, error: BodyError) -> BodyError {
     match error {
-        BodyError::Invalid { file, place, problem, mend } => {
-            BodyError::Invalid { file, place: format!("{wider}, {place}"), problem, mend }
+        BodyError::Invalid { file, place, problem, hint } => {
+            BodyError::Invalid { file, place: format!("{wider}, {place}"), problem, hint }
         }
         other => other,
     }

@@ -1,11 +1,11 @@
 //! How energy, frames and tensors change along the surface, at the nodes: what the slip rule `consistent` reads
 //! (MODEL 4, E3).
 //!
-//! Within an element a mix Σ n_j X_j has the gradient Σ X_j ∇n_j, another one in each element. Its area-weighted mean over
-//! the elements around node l, ∇̄X_l, mixed like everything else as Σ n_l ∇̄X_l, is continuous over the edges. At a crease
+//! Within an element a blend Σ n_j X_j has the gradient Σ X_j ∇n_j, another one in each element. Its area-weighted mean over
+//! the elements around node l, ∇̄X_l, blended like everything else as Σ n_l ∇̄X_l, is continuous over the edges. At a crease
 //! the mean is over the elements that share the node, so that a sharp edge stays one.
 //!
-//! Energies are mixed of test points' curves: ∇̄W_l = Σ_t g_lt W_t. The coefficients g sum to zero, so that one test
+//! Energies are blended of test points' curves: ∇̄W_l = Σ_t g_lt W_t. The coefficients g sum to zero, so that one test
 //! point, the reference, needs none: ∇̄W_l = Σ_t g_lt (W_t − W_ref), and nothing is left of rounding on a uniform body.
 //! On a mesh that is finer than its test points they are two vectors a node. A node with more than three of them, as
 //! where every node is its own test point, has the sum as curves of its own: it takes a fifth of the time, and 160 bytes an
@@ -18,12 +18,12 @@ use crate::curve::Curve;
 use crate::law::{CoupledRow, QUANTITIES, Reach, monomials};
 use crate::model::ContactModel;
 use crate::potential::{PotentialAt, Potentials};
-use crate::response::{POWERS, Response, Responses, Strain};
+use crate::response::{BasisValues, POWERS, Response, Responses};
 use crate::surface::Element;
 use crate::tensor::Tensor;
 use glam::{DVec3, Vec3A, Vec4};
 
-/// A test point that answers nothing: what a mix lacks to 1 where it fades towards a border.
+/// A test point that answers nothing: what a blend lacks to 1 where it fades towards a border.
 const NOTHING: u32 = u32::MAX;
 
 /// One test point's part of a node's energy gradient.
@@ -39,9 +39,9 @@ struct Term {
 const MAX_TERMS: usize = 3;
 
 /// A gradient in powers of a distance: of t⁰ to t⁴.
-pub type Powers = [DVec3; POWERS];
+pub type Coefficients = [DVec3; POWERS];
 
-/// A node's energy gradient in one interval: the coefficients of [`Strain`]'s powers.
+/// A node's energy gradient in one interval: the coefficients of [`BasisValues`]'s powers.
 type Row = [Vec4; POWERS];
 
 /// The same of a coupled law, in powers of the depth: the coefficients of the monomials in the tangents of the node's first
@@ -68,16 +68,16 @@ pub trait PointEnergies {
 
 /// Energies of test points that were found before.
 #[derive(Debug, Clone, Copy)]
-pub struct Known {
+pub struct EnergyCache {
     /// Test points.
     pub points: [u32; 3],
     /// Their energies, J.
     pub energies: [f64; 3],
 }
 
-impl Known {
+impl EnergyCache {
     /// None.
-    pub const NONE: Self = Known { points: [u32::MAX; 3], energies: [0.0; 3] };
+    pub const NONE: Self = EnergyCache { points: [u32::MAX; 3], energies: [0.0; 3] };
 
     #[inline(always)]
     fn energy(&self, point: u32, find: impl FnOnce() -> f64) -> f64 {
@@ -98,21 +98,21 @@ impl Known {
 #[derive(Debug, Clone, Copy)]
 pub struct DecoupledEnergies<'a> {
     /// The deflections.
-    pub strain: Strain<'a>,
+    pub basis: BasisValues<'a>,
     /// What is known already.
-    pub known: Known,
+    pub cache: EnergyCache,
 }
 
 impl PointEnergies for DecoupledEnergies<'_> {
     #[inline(always)]
     fn energy(&self, test_point: u32) -> f64 {
-        self.known.energy(test_point, || self.strain.energy(test_point))
+        self.cache.energy(test_point, || self.basis.energy(test_point))
     }
 
     #[inline(always)]
     fn gradient(&self, gradients: &Gradients, start: usize, _: u32) -> Vec3A {
-        let (i, j) = self.strain.rows(start);
-        let [p, q] = self.strain.single();
+        let (i, j) = self.basis.rows(start);
+        let [p, q] = self.basis.single();
         match (gradients.depth_rows.get(i), gradients.lateral_rows.get(j)) {
             (Some(depth), Some(lateral)) => Vec3A::from_vec4(value(depth, &p) + value(lateral, &q)),
             _ => Vec3A::ZERO,
@@ -132,7 +132,7 @@ pub struct CoupledEnergies<'a> {
     /// See there.
     pub reach: Reach<f64>,
     /// What is known already.
-    pub known: Known,
+    pub cache: EnergyCache,
 }
 
 impl CoupledEnergies<'_> {
@@ -145,7 +145,7 @@ impl CoupledEnergies<'_> {
 impl PointEnergies for CoupledEnergies<'_> {
     #[inline]
     fn energy(&self, test_point: u32) -> f64 {
-        self.known
+        self.cache
             .energy(test_point, || self.at(test_point).energy(self.depth.1, self.tangential, &self.reach))
     }
 
@@ -189,11 +189,11 @@ pub struct Gradients {
     /// (nodes with curves × depth knots), of a coupled law in place of the two.
     coupled_rows: Vec<CoupledGradient>,
     /// ∇̄u_l: (nodes × 3 coordinates of u), each a gradient, 1/m.
-    turns: Vec<[Vec4; 3]>,
+    frame_gradients: Vec<[Vec4; 3]>,
     /// ∇̄A_l: (nodes × 3 directions), 1/m; none where the lateral response is alike in all directions.
     tensors: Vec<[[f32; 6]; 3]>,
     /// (nodes)
-    most: Vec<Most>,
+    bounds: Vec<GradientBound>,
     /// (nodes × depth knots), of a coupled law.
     coupled_bounds: Vec<CoupledBound>,
     /// Depth knots.
@@ -237,11 +237,11 @@ impl CoupledBound {
 /// How large a node's gradients can be, whatever the deflection: a step need not look at those that can't matter.
 #[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
-pub struct Most {
+pub struct GradientBound {
     /// |∇̄W| is at most this times W, 1/m; infinite where a curve vanishes and its neighbours' do not.
     pub energy: f32,
     /// |∇̄(u·b)| is at most this times |b|, 1/m.
-    pub turn: f32,
+    pub frame_gradient: f32,
     /// |∇̄(d·A d)| is at most this times |d|², 1/m.
     pub tensor: f32,
 }
@@ -262,9 +262,9 @@ impl Gradients {
             depth_rows: Vec::new(),
             lateral_rows: Vec::new(),
             coupled_rows: Vec::new(),
-            turns: Vec::with_capacity(nodes.len()),
+            frame_gradients: Vec::with_capacity(nodes.len()),
             tensors: Vec::with_capacity(tensors.len()),
-            most: Vec::with_capacity(nodes.len()),
+            bounds: Vec::with_capacity(nodes.len()),
             coupled_bounds: Vec::new(),
             columns: responses.depth_knots().values().len(),
         };
@@ -279,13 +279,13 @@ impl Gradients {
     /// One more node, with these sums.
     fn add(&mut self, model: &ContactModel, curves: &[Response], node: &Node, sums: &NodeSums) {
         let ContactModel { lateral_tensors: tensors, responses, potentials, .. } = model;
-        let NodeSums { terms, turn, change } = sums;
+        let NodeSums { terms, frame_gradient, change } = sums;
         let (reference, single) = (node.test_points[0], |g: &DVec3| g.as_vec3().to_array());
         let norm = |of: &[DVec3]| (of.iter().map(|g| g.length_squared()).sum::<f64>()).sqrt();
         // Six components stand for nine: those off the diagonal count twice.
-        self.most.push(Most {
+        self.bounds.push(GradientBound {
             energy: above(steepest(terms, node, curves)),
-            turn: above(norm(turn)),
+            frame_gradient: above(norm(frame_gradient)),
             tensor: above(norm(change).hypot(norm(&change[3..]))),
         });
         let coupled = || coupled_terms(terms, reference, self.columns, potentials);
@@ -316,7 +316,7 @@ impl Gradients {
             }
         }
         self.coupled_bounds.extend(bounds);
-        self.turns.push(turn.map(|g| g.as_vec3().extend(0.0)));
+        self.frame_gradients.push(frame_gradient.map(|g| g.as_vec3().extend(0.0)));
         if !tensors.is_empty() {
             let change = change.map(|g| single(&g));
             self.tensors.push([0, 1, 2].map(|axis| change.map(|g| g[axis])));
@@ -344,9 +344,9 @@ impl Gradients {
             depth_rows,
             lateral_rows,
             coupled_rows,
-            turns,
+            frame_gradients,
             tensors,
-            most,
+            bounds,
             coupled_bounds,
             columns,
         } = self;
@@ -355,9 +355,9 @@ impl Gradients {
         depth_rows.clear();
         lateral_rows.clear();
         coupled_rows.clear();
-        turns.clear();
+        frame_gradients.clear();
         tensors.clear();
-        most.clear();
+        bounds.clear();
         coupled_bounds.clear();
         *columns = from.columns;
         let [depth, lateral] = [responses.depth_knots(), responses.lateral_knots()].map(|k| k.values().len());
@@ -378,9 +378,9 @@ impl Gradients {
                 let named = from.terms[at..][..count as usize].iter();
                 terms.extend(named.map(|t| Term { test_point: renumber(t.test_point), ..*t }));
             }
-            turns.push(from.turns[n]);
+            frame_gradients.push(from.frame_gradients[n]);
             tensors.extend(from.tensors.get(n));
-            most.push(from.most[n]);
+            bounds.push(from.bounds[n]);
             if !from.coupled_bounds.is_empty() {
                 coupled_bounds.extend_from_slice(&from.coupled_bounds[n * depth..][..depth]);
             }
@@ -401,8 +401,12 @@ impl Gradients {
     /// # Real-time
     /// O(1), never panics.
     #[inline]
-    pub fn most(&self, node: u32) -> Most {
-        self.most.get(node as usize).copied().unwrap_or(Most { energy: 0.0, turn: 0.0, tensor: 0.0 })
+    pub fn bound(&self, node: u32) -> GradientBound {
+        self.bounds.get(node as usize).copied().unwrap_or(GradientBound {
+            energy: 0.0,
+            frame_gradient: 0.0,
+            tensor: 0.0,
+        })
     }
 
     /// ∇̄W of a node whose first test point is `reference`, N.
@@ -432,8 +436,8 @@ impl Gradients {
     /// # Real-time
     /// O(1), never panics.
     #[inline(always)]
-    pub fn turn(&self, node: u32, b: Vec3A) -> Vec3A {
-        let [x, y, z] = self.turns.get(node as usize).unwrap_or(&[Vec4::ZERO; 3]);
+    pub fn frame_gradient(&self, node: u32, b: Vec3A) -> Vec3A {
+        let [x, y, z] = self.frame_gradients.get(node as usize).unwrap_or(&[Vec4::ZERO; 3]);
         Vec3A::from_vec4(*x * b.x + *y * b.y + *z * b.z)
     }
 
@@ -455,9 +459,15 @@ impl Gradients {
 
     /// ∇̄W of a node in one interval of the depths, and in one of the lateral deflections, as [`Gradients::energy`] reads it:
     /// powers of the distance from the interval's knot, N. For bounds; not for the step.
-    pub fn powers(&self, node: u32, reference: u32, responses: &Responses, interval: usize) -> [Powers; 2] {
+    pub fn coefficients(
+        &self,
+        node: u32,
+        reference: u32,
+        responses: &Responses,
+        interval: usize,
+    ) -> [Coefficients; 2] {
         let Some(&Place { start, count }) = self.places.get(node as usize) else {
-            return [Powers::default(); 2];
+            return [Coefficients::default(); 2];
         };
         let start = start as usize;
         let (depths, laterals) =
@@ -497,13 +507,13 @@ impl Gradients {
     pub(crate) fn memory(&self) -> [&[u8]; 9] {
         [
             bytemuck::cast_slice(&self.places),
-            bytemuck::cast_slice(&self.most),
+            bytemuck::cast_slice(&self.bounds),
             bytemuck::cast_slice(&self.terms),
             bytemuck::cast_slice(&self.depth_rows),
             bytemuck::cast_slice(&self.lateral_rows),
             bytemuck::cast_slice(&self.coupled_rows),
             bytemuck::cast_slice(&self.coupled_bounds),
-            bytemuck::cast_slice(&self.turns),
+            bytemuck::cast_slice(&self.frame_gradients),
             bytemuck::cast_slice(&self.tensors),
         ]
     }
@@ -610,7 +620,7 @@ struct NodeSums {
     /// g_lt of each test point but the node's first, 1/m.
     terms: Vec<(u32, DVec3)>,
     /// Of the three coordinates of the frame, 1/m.
-    turn: [DVec3; 3],
+    frame_gradient: [DVec3; 3],
     /// Of the six components of the tensor, 1/m.
     change: [DVec3; 6],
 }
@@ -619,7 +629,7 @@ impl NodeSums {
     /// Of node `l`, in these elements.
     fn of_node(&mut self, model: &ContactModel, around: &[u32], l: usize) {
         self.terms.clear();
-        (self.turn, self.change) = Default::default();
+        (self.frame_gradient, self.change) = Default::default();
         let (node, mut area) = (&model.nodes[l], 0.0);
         for &m in around {
             let corners = model.elements[m as usize].nodes.map(|n| n as usize);
@@ -640,7 +650,7 @@ impl NodeSums {
                 // Frames turn within the element's plane, and are turned into the node's like the gradient.
                 let du = corner.inward - u;
                 let du = turned(du - normal * normal.dot(du));
-                self.turn.iter_mut().zip(du.to_array()).for_each(|(g, du)| *g += slope * du);
+                self.frame_gradient.iter_mut().zip(du.to_array()).for_each(|(g, du)| *g += slope * du);
                 let tensors = &model.lateral_tensors;
                 if let (Some(there), Some(here)) = (tensors.get(j), tensors.get(l)) {
                     let pairs = there.iter().zip(here);
@@ -655,11 +665,11 @@ impl NodeSums {
         let per = if area > 0.0 { 1.0 / area } else { 0.0 };
         self.terms.iter_mut().for_each(|(_, g)| *g *= per);
         self.terms.retain(|(_, g)| g.as_vec3() != glam::Vec3::ZERO);
-        self.turn = self.turn.map(|g| g * per);
+        self.frame_gradient = self.frame_gradient.map(|g| g * per);
         self.change = self.change.map(|g| g * per);
     }
 
-    /// What a corner mixes, and what it lacks to 1, all but the reference.
+    /// What a corner blends, and what it lacks to 1, all but the reference.
     fn add_mix(&mut self, corner: &Node, reference: u32, slope: DVec3) {
         let rest = 1.0 - corner.weights.iter().sum::<f64>();
         let parts = corner.test_points.into_iter().zip(corner.weights);

@@ -82,7 +82,7 @@ impl std::str::FromStr for LengthUnit {
 
 /// Reads a surface mesh by its file's extension (in any case), in m. Polygons become fans of triangles.
 ///
-/// Nothing is mended here: see [`crate::repair`].
+/// Nothing is repaired here: see [`crate::repair`].
 ///
 /// # Errors
 /// No unit; a file that cannot be read, is empty, too large, or of another format; a number that is none or not
@@ -111,8 +111,8 @@ pub fn read_bytes(name: &Path, bytes: &[u8], unit: Option<LengthUnit>) -> Result
 
 fn needs_unit(unit: Option<LengthUnit>) -> Result<LengthUnit> {
     unit.ok_or_else(|| {
-        let mend = "say it with `--unit m|cm|mm`, or with `[body] unit = \"mm\"` in the spec";
-        BodyError::invalid("coordinates", "no unit given", mend)
+        let hint = "say it with `--unit m|cm|mm`, or with `[body] unit = \"mm\"` in the spec";
+        BodyError::invalid("coordinates", "no unit given", hint)
     })
 }
 
@@ -213,9 +213,9 @@ impl Soup {
 
 fn add_vertex(positions: &mut Vec<DVec3>, p: [f64; 3], place: impl Fn() -> String) -> Result<()> {
     if let Some(x) = p.iter().find(|x| !x.is_finite()) {
-        let (vertex, mend) = (positions.len(), "mend the coordinate, or export the mesh again");
+        let (vertex, hint) = (positions.len(), "correct the coordinate, or export the mesh again");
         let problem = format!("a coordinate of vertex {vertex} is {x}, not a finite number");
-        return Err(BodyError::invalid(place(), problem, mend));
+        return Err(BodyError::invalid(place(), problem, hint));
     }
     if positions.len() >= MAX_ELEMENTS {
         return Err(BodyError::invalid(place(), "more than 1.4 billion vertices", "decimate the mesh"));
@@ -234,5 +234,5 @@ fn index(value: f64, count: usize, place: impl Fn() -> String) -> Result<u32> {
         return Ok(value as u32);
     }
     let problem = format!("it names vertex {}, but there are {count} (counted from 0)", short(value));
-    Err(BodyError::invalid(place(), problem, "mend the index, or export the mesh again"))
+    Err(BodyError::invalid(place(), problem, "correct the index, or export the mesh again"))
 }

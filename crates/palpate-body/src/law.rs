@@ -7,7 +7,7 @@
 //!   anisotropic, √(δ_t·A δ_t).
 //! - **Coupled**: W = F + b·ξ + ½ ξ·K ξ + C(ξ³) + Q |ξ|⁴, all of δz, ξ the deflection in the test point's tangents.
 //!
-//! A law is linear in its coefficients, so that test points mix by their weights.
+//! A law is linear in its coefficients, so that test points blend by their weights.
 
 use crate::number::Number;
 use std::array::from_fn;

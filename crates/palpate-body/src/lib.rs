@@ -3,13 +3,13 @@
 //! A [`Surface`] (nodes with inward normals, elements with neighbours) and the [`Response`]s of its test points
 //! (normal and lateral force and friction against deflection, each a [`Curve`]) make a [`Body`]: immutable, checked
 //! once, shared by every contact. The engine reads its [`ContactModel`]: element nodes, neighbours, the first touch, the
-//! nearest point and the mixed [`Responses`]; none of these questions allocates, locks or panics.
+//! nearest point and the blended [`Responses`]; none of these questions allocates, locks or panics.
 //!
 //! Meshes come from files ([`import`]) or from [`shape`]s, in metres from here on. Bodies are kept in safetensors
 //! files ([`Body::save`], [`Body::open`]).
 //!
 //! ```
-//! use palpate_body::{Body, BodyParts, Curve, Extension, Interpolation, NodeMix, Provenance, Response, SlipRule, Tool};
+//! use palpate_body::{Body, BodyParts, Curve, Extension, Interpolation, BlendWeights, Provenance, Response, SlipRule, Tool};
 //! use palpate_body::shape::Shape;
 //!
 //! let surface = Shape::Sphere { radius_mm: 30.0 }.surface(Default::default())?;
@@ -18,7 +18,7 @@
 //! let lateral = Curve::through(&knots, &[0.0, 2.0, 4.0], Interpolation::Linear, Extension::Linear)?; // N
 //! let friction = Curve::through(&knots, &[0.3; 3], Interpolation::Linear, Extension::Constant)?;
 //! let body = Body::new(BodyParts {
-//!     mixes: vec![NodeMix::own(0); surface.positions().len()],
+//!     blends: vec![BlendWeights::own(0); surface.positions().len()],
 //!     surface,
 //!     responses: vec![Response { normal, lateral, friction }],
 //!     test_point_nodes: vec![0],
@@ -39,12 +39,12 @@ pub mod file;
 pub mod gradient;
 mod growth;
 pub mod import;
+mod index_map;
 pub mod law;
 pub mod model;
 pub mod number;
 pub mod patch;
 pub mod potential;
-mod ranks;
 pub mod repair;
 pub mod response;
 pub mod search;
@@ -54,15 +54,17 @@ pub mod stored;
 pub mod surface;
 pub mod tensor;
 
-pub use body::{Body, BodyParts, Node, NodeMix, PointErrors, Provenance, SlipRule, Tool};
+pub use body::{BlendWeights, Body, BodyParts, Node, PointErrors, Provenance, SlipRule, Tool};
 pub use curve::{Curve, Extension, Interpolation};
 pub use error::{BodyError, Result};
-pub use gradient::{CoupledEnergies, DecoupledEnergies, Gradients, Known, Most, PointEnergies, Powers};
+pub use gradient::{
+    Coefficients, CoupledEnergies, DecoupledEnergies, EnergyCache, GradientBound, Gradients, PointEnergies,
+};
 pub use model::ContactModel;
 pub use number::{Dual, Number};
 pub use patch::Patch;
 pub use potential::{CoupledLaw, Potential, PotentialAt, Potentials};
-pub use response::{Interval, Response, Responses, Rows, Sample, Strain};
+pub use response::{BasisValues, Interval, Response, Responses, Rows, Sample};
 pub use search::{MeshSearch, Nearest, SurfacePoint, Touch};
 pub use source::{BodySource, Extent};
 pub use stored::StoredBody;

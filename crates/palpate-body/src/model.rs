@@ -53,7 +53,7 @@ impl PartialEq for ContactModel {
 
 impl ContactModel {
     /// Knots, tool and slip rule alone, with nothing to touch: what a [`Patch`](crate::Patch) fills.
-    pub(crate) fn outline(&self) -> Self {
+    pub(crate) fn model_header(&self) -> Self {
         let law = (self.responses.without_points(), self.potentials.without_points());
         Self::without_surface(law, self.creased, self.tool, (self.slip, self.tank), self.identity)
     }
@@ -93,7 +93,7 @@ impl ContactModel {
         self.identity
     }
 
-    /// The nodal gradients along the surface, which the slip rule `consistent` reads; `None` where nobody has prepared
+    /// The nodal gradients along the surface, which the slip rule `consistent` reads; `None` where they were not prepared
     /// them ([`Body::prepare`](crate::Body::prepare)).
     ///
     /// # Real-time
@@ -228,7 +228,7 @@ impl ContactModel {
         point(self.corners(at.element), at.n)
     }
 
-    /// The mix of the nodes' inward normals at a point of the surface, of unit length.
+    /// The blend of the nodes' inward normals at a point of the surface, of unit length.
     ///
     /// # Real-time
     /// As [`ContactModel::element_nodes`].
@@ -252,7 +252,7 @@ impl ContactModel {
     /// # Real-time
     /// O(1), never panics.
     #[inline]
-    pub fn is_fenced(&self, element: u32, edge: usize) -> bool {
+    pub fn is_patch_boundary(&self, element: u32, edge: usize) -> bool {
         self.elements.get(element as usize).and_then(|e| e.twins.get(edge)) == Some(&FENCE)
     }
 

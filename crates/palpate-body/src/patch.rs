@@ -2,13 +2,13 @@
 //!
 //! It has a [`ContactModel`] of its own, small enough to be locked into memory, on which [`step`] gives what it gives on the whole,
 //! bit for bit as long as the tool stays where the patch knows the surface ([`Patch::knows`]). Where the body goes on but
-//! the patch ends there is a *fence* in place of a neighbour ([`ContactModel::is_fenced`]).
+//! the patch ends there is a *patch boundary* in place of a neighbour ([`ContactModel::is_patch_boundary`]).
 //!
 //! [`step`]: https://docs.rs/palpate-engine
 
 use crate::body::Body;
+use crate::index_map::IndexMap;
 use crate::model::ContactModel;
-use crate::ranks::Ranks;
 use crate::search::Search;
 use crate::surface::{Element, FENCE, NO_TWIN};
 use glam::DVec3;
@@ -20,10 +20,10 @@ use std::collections::BinaryHeap;
 pub struct Patch {
     model: ContactModel,
     /// Numbers in the whole body, ascending; an element's rank is its number in the patch.
-    elements: Ranks,
+    elements: IndexMap,
     /// Numbers in what it was copied from, likewise: what is compared by its number compares alike.
-    nodes: Ranks,
-    test_points: Ranks,
+    nodes: IndexMap,
+    test_points: IndexMap,
     centre: DVec3,
     radius_m: f64,
     groups: Vec<u32>,
@@ -37,18 +37,18 @@ pub(crate) type Queue = BinaryHeap<Reverse<(u64, u32, u32)>>;
 impl Patch {
     /// Of `body`, around `centre`.
     pub fn new(body: &Body, centre: [f64; 3], count: usize) -> Self {
-        let mut patch = Patch::empty(body.outline());
+        let mut patch = Patch::empty(body.model_header());
         patch.take(body, centre, count);
         patch
     }
 
     /// To be filled from a body of this outline.
-    pub(crate) fn empty(outline: ContactModel) -> Self {
+    pub(crate) fn empty(model_header: ContactModel) -> Self {
         Patch {
-            model: outline,
-            elements: Ranks::default(),
-            nodes: Ranks::default(),
-            test_points: Ranks::default(),
+            model: model_header,
+            elements: IndexMap::default(),
+            nodes: IndexMap::default(),
+            test_points: IndexMap::default(),
             centre: DVec3::ZERO,
             radius_m: 0.0,
             groups: Vec::new(),
@@ -78,15 +78,15 @@ impl Patch {
     }
 
     /// Copies the chosen elements, which are these of `body`, and what they need.
-    pub(crate) fn copy(&mut self, body: &ContactModel, elements: &Ranks) {
+    pub(crate) fn copy(&mut self, body: &ContactModel, elements: &IndexMap) {
         let Patch { nodes, test_points, .. } = self;
         let chosen = || elements.list().iter().map(|&e| body.elements[e as usize]);
         nodes.fill(chosen().flat_map(|e| e.nodes));
-        let mixed = nodes.list().iter().flat_map(|&n| body.nodes[n as usize].test_points);
+        let blended = nodes.list().iter().flat_map(|&n| body.nodes[n as usize].test_points);
         let gradients = body.gradients();
         let neighbours =
             gradients.into_iter().flat_map(|g| nodes.list().iter().flat_map(|&n| g.term_points(n)));
-        test_points.fill(mixed.chain(neighbours));
+        test_points.fill(blended.chain(neighbours));
 
         let to = &mut self.model;
         to.nodes.clear();
@@ -150,7 +150,7 @@ impl Patch {
     /// Logarithmic, never panics.
     #[inline]
     pub fn local(&self, element: u32) -> Option<u32> {
-        self.elements.rank(element)
+        self.elements.index_of(element)
     }
 
     /// An element's number in the whole body; its own number for one that the patch doesn't hold.

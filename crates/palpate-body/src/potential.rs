@@ -154,7 +154,7 @@ fn hessian_bound(quantities: &[Derivatives; QUANTITIES], r: f64) -> f64 {
     eigenvalues([normal, across, lateral])[1]
 }
 
-/// How a check of a potential went: what is wrong, and how to mend it.
+/// How a check of a potential went: what is wrong, and how to correct it.
 type Checked = std::result::Result<(), (String, &'static str)>;
 
 /// What curves may be off, in parts of their greatest ordinate.

@@ -1,4 +1,4 @@
-//! Mends what can be mended in a mesh without guessing, reports it, and refuses the rest with its place.
+//! Repairs what can be repaired in a mesh without guessing, reports it, and refuses the rest with its place.
 
 use crate::error::{BodyError, Result};
 use crate::surface::{MAX_COORDINATE, MAX_ELEMENTS, NO_TWIN, TriangleMesh, check_area};
@@ -15,7 +15,7 @@ pub struct Options {
     pub allow_open: bool,
 }
 
-/// What was found and mended.
+/// What was found and repaired.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Report {
     /// One line for each kind of change, for the user and the body's provenance.
@@ -36,7 +36,7 @@ pub struct Report {
     pub border_edges: usize,
 }
 
-/// Checks and mends a mesh, so that [`crate::Surface::build`] accepts it unless it is folded too sharply for its
+/// Checks and repairs a mesh, so that [`crate::Surface::build`] accepts it unless it is folded too sharply for its
 /// crease angle. Vertices and triangles that are kept stay in their order; places in messages count the triangles
 /// as they were given, from 0.
 ///
@@ -52,8 +52,8 @@ pub fn repair(mesh: TriangleMesh, options: Options) -> Result<(TriangleMesh, Rep
     report.welded_vertices = weld(&mut positions, &mut triangles);
     let numbers = drop_triangles(&mut triangles, &mut report);
     if triangles.is_empty() {
-        let mend = "give a triangulated surface, and check the unit and the exporter's precision";
-        return Err(BodyError::invalid("mesh", "no triangle in it has three different vertices", mend));
+        let hint = "give a triangulated surface, and check the unit and the exporter's precision";
+        return Err(BodyError::invalid("mesh", "no triangle in it has three different vertices", hint));
     }
     report.unused_vertices = drop_unused(&mut positions, &mut triangles);
     let mut mesh = TriangleMesh { positions, triangles };
@@ -119,7 +119,7 @@ fn check_indices(mesh: &TriangleMesh) -> Result<()> {
     for (t, triangle) in mesh.triangles.iter().enumerate() {
         if let Some(v) = triangle.iter().find(|&&v| v as usize >= mesh.positions.len()) {
             let problem = format!("it names vertex {v}, but there are {}", mesh.positions.len());
-            return Err(BodyError::invalid(format!("triangle {t}"), problem, "mend the mesh's indices"));
+            return Err(BodyError::invalid(format!("triangle {t}"), problem, "correct the mesh's indices"));
         }
     }
     Ok(())
@@ -132,7 +132,7 @@ pub(crate) fn check_positions(positions: &[DVec3]) -> Result<()> {
     Err(BodyError::invalid(
         format!("vertex {v} at {}", in_mm(positions[v])),
         format!("a coordinate is not finite or beyond {MAX_COORDINATE} m"),
-        "mend the coordinate or the mesh's unit",
+        "correct the coordinate or the mesh's unit",
     ))
 }
 

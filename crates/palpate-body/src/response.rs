@@ -1,4 +1,4 @@
-//! Responses of test points, laid out for the step: one look-up for each knot row, one mix, one evaluation.
+//! Responses of test points, laid out for the step: one look-up for each knot row, one blend, one evaluation.
 
 use crate::curve::{Curve, Extension, Piece, check_knots};
 use crate::error::{BodyError, Result};
@@ -114,7 +114,7 @@ impl Knots {
     }
 }
 
-/// One interval of the curves of three test points: what (5) mixes while the deflection stays in it.
+/// One interval of the curves of three test points: what (5) blends while the deflection stays in it.
 #[derive(Debug, Clone, Copy)]
 pub struct Rows<'a, const N: usize> {
     /// Which of the knots' intervals.
@@ -123,7 +123,7 @@ pub struct Rows<'a, const N: usize> {
 }
 
 impl<const N: usize> Rows<'_, N> {
-    /// Rows that hold nowhere: to be looked up before the first mix.
+    /// Rows that hold nowhere: to be looked up before the first blend.
     pub const NONE: Self = Rows { interval: Interval::NONE, rows: [&[0.0; N]; 3] };
 
     /// Whether a deflection lies in this interval.
@@ -132,9 +132,9 @@ impl<const N: usize> Rows<'_, N> {
         self.interval.holds(deflection)
     }
 
-    /// Σ weight × row: the mixed interval.
+    /// Σ weight × row: the blended interval.
     #[inline]
-    pub fn mix(&self, weights: [f64; 3]) -> [f64; N] {
+    pub fn blend(&self, weights: [f64; 3]) -> [f64; N] {
         let ([a, b, c], [x, y, z]) = (self.rows, weights);
         std::array::from_fn(|i| x * a[i] + y * b[i] + z * c[i])
     }
@@ -146,7 +146,7 @@ impl<const N: usize> Rows<'_, N> {
     }
 }
 
-/// Value, slope and integral of a mixed curve.
+/// Value, slope and integral of a blended curve.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Sample {
     /// N; without unit for friction.
@@ -247,14 +247,14 @@ impl Responses {
     /// # Real-time
     /// O(1), no allocation, never panics.
     #[inline]
-    pub fn strain(&self, [depth, lateral]: [f64; 2], rows: (&Rows<'_, 9>, &Rows<'_, 5>)) -> Strain<'_> {
+    pub fn basis(&self, [depth, lateral]: [f64; 2], rows: (&Rows<'_, 9>, &Rows<'_, 5>)) -> BasisValues<'_> {
         let powers = |t: f64| {
             let t2 = t * t;
             [1.0, t, t2 * 0.5, t2 * t * (1.0 / 3.0), t2 * t2 * 0.25]
         };
         let (depth_powers, lateral_powers) =
             (powers(rows.0.distance(depth)), powers(rows.1.distance(lateral)));
-        Strain {
+        BasisValues {
             responses: self,
             depth_interval: rows.0.interval.index,
             lateral_interval: rows.1.interval.index,
@@ -307,9 +307,9 @@ impl Responses {
     }
 }
 
-/// A depth and a lateral deflection, as [`Responses::strain`] looked them up.
+/// A depth and a lateral deflection, as [`Responses::basis`] looked them up.
 #[derive(Debug, Clone, Copy)]
-pub struct Strain<'a> {
+pub struct BasisValues<'a> {
     responses: &'a Responses,
     depth_interval: usize,
     lateral_interval: usize,
@@ -322,7 +322,7 @@ pub struct Strain<'a> {
 /// Coefficients of a test point's energy in one interval.
 pub const POWERS: usize = 5;
 
-impl Strain<'_> {
+impl BasisValues<'_> {
     /// W_t = F^z(δz) + F^r(ρ) of a test point, J.
     ///
     /// # Real-time
@@ -344,10 +344,10 @@ impl Strain<'_> {
     /// The energies of three test points, not to be found again.
     ///
     /// # Real-time
-    /// As [`Strain::energy`].
+    /// As [`BasisValues::energy`].
     #[inline]
-    pub fn known(&self, points: [u32; 3]) -> crate::gradient::Known {
-        crate::gradient::Known { points, energies: points.map(|t| self.energy(t)) }
+    pub fn cache(&self, points: [u32; 3]) -> crate::gradient::EnergyCache {
+        crate::gradient::EnergyCache { points, energies: points.map(|t| self.energy(t)) }
     }
 
     /// The powers of both, in single precision.
@@ -428,11 +428,11 @@ impl Response {
     /// What test point `t` promises of its response on these knots.
     pub(crate) fn check_at(&self, t: usize, depth: &[f64], lateral: &[f64]) -> Result<()> {
         self.check(depth, lateral)
-            .map_err(|(problem, mend)| BodyError::invalid(format!("test point {t}"), problem, mend))
+            .map_err(|(problem, hint)| BodyError::invalid(format!("test point {t}"), problem, hint))
     }
 
     fn check(&self, depth: &[f64], lateral: &[f64]) -> std::result::Result<(), (String, &'static str)> {
-        let fail = |problem: String, mend| Err((problem, mend));
+        let fail = |problem: String, hint| Err((problem, hint));
         if self.normal.knots() != depth || self.friction.knots() != depth || self.lateral.knots() != lateral {
             return fail("its curves are on other knots".into(), "bring all curves onto shared knots");
         }
@@ -505,13 +505,13 @@ mod tests {
             let d = i as f64 * 5e-5;
             let rows = table.depth_rows([0, 1, 2], d);
             assert!(rows.hold(d));
-            let [integral, a, b, c, e, rest @ ..] = rows.mix(n);
+            let [integral, a, b, c, e, rest @ ..] = rows.blend(n);
             let (normal, friction) = (
                 Sample::at(integral, [a, b, c, e], rows.distance(d)),
                 Sample::at(0.0, rest, rows.distance(d)),
             );
             let rows = table.lateral_rows([0, 1, 2], d);
-            let [integral, a, b, c, e] = rows.mix(n);
+            let [integral, a, b, c, e] = rows.blend(n);
             let lateral = Sample::at(integral, [a, b, c, e], rows.distance(d));
             let sum = |f: &dyn Fn(&Response) -> f64| -> f64 { (0..3).map(|l| n[l] * f(&points[l])).sum() };
             assert!((normal.value - sum(&|r| r.normal.value(d))).abs() < 1e-12);

@@ -206,8 +206,8 @@ fn count(given: Option<u32>, derived: f64, least: f64) -> f64 {
     given.map_or(derived.round().max(least), f64::from)
 }
 
-fn invalid(key: &str, problem: impl Into<String>, mend: impl Into<String>) -> BodyError {
-    BodyError::invalid(format!("[body.shape] {key}"), problem, mend)
+fn invalid(key: &str, problem: impl Into<String>, hint: impl Into<String>) -> BodyError {
+    BodyError::invalid(format!("[body.shape] {key}"), problem, hint)
 }
 
 fn check_length(key: &str, length: f64) -> Result<()> {
@@ -515,8 +515,8 @@ impl ShapeSpec {
         ];
         for (key, given) in given {
             if given && !keys.contains(&key) {
-                let mend = format!("remove it; a {name} has {}", keys.join(", "));
-                return Err(invalid(key, format!("a {name} has no such size"), mend));
+                let hint = format!("remove it; a {name} has {}", keys.join(", "));
+                return Err(invalid(key, format!("a {name} has no such size"), hint));
             }
         }
         let missing =

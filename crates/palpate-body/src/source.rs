@@ -15,14 +15,14 @@ use std::fmt::Debug;
 /// A [`Body`] has all in memory and never fails; a [`StoredBody`](crate::StoredBody) reads its file.
 pub trait BodySource: Debug + Send + Sync {
     /// Knots, tool and slip rule, as a contact asks for them; whether there is a surface, too, is not promised.
-    fn outline(&self) -> &ContactModel;
+    fn model_header(&self) -> &ContactModel;
 
     /// How many elements the surface has.
     fn element_count(&self) -> usize;
 
     /// An empty patch, to be filled by [`BodySource::take`].
     fn patch(&self) -> Patch {
-        Patch::empty(self.outline().outline())
+        Patch::empty(self.model_header().model_header())
     }
 
     /// Whether contacts with this slip rule can step on its patches.
@@ -41,7 +41,7 @@ pub trait BodySource: Debug + Send + Sync {
     /// Where the surface is.
     fn extent(&self) -> Extent;
 
-    /// Where a tip without extent on the way `from` → `to` first touches, m.
+    /// Where a point tool on the way `from` → `to` first touches, m.
     ///
     /// # Errors
     /// As [`BodySource::take`].
@@ -105,7 +105,7 @@ pub(crate) fn no_surface() -> BodyError {
 }
 
 impl BodySource for Body {
-    fn outline(&self) -> &ContactModel {
+    fn model_header(&self) -> &ContactModel {
         self
     }
 

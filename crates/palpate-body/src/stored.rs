@@ -8,16 +8,16 @@
 //! memory is the system's cache, which it gives up when memory is short.
 
 use crate::body::{
-    Node, NodeMix, Provenance, SlipRule, Tool, border_nodes, check_mix, check_surface, check_tensors,
+    BlendWeights, Node, Provenance, SlipRule, Tool, border_nodes, check_mix, check_surface, check_tensors,
     check_test_points, creased, mixed_inward,
 };
 use crate::error::{BodyError, Result};
-use crate::file::{CURVES, CoupledHeader, File, SharedKnots, Stamp, mapped};
+use crate::file::{CURVES, CoupledHeader, File, Fingerprint, SharedKnots, mapped};
 use crate::gradient::Gradients;
+use crate::index_map::IndexMap;
 use crate::model::{ContactModel, identity, sampled};
 use crate::patch::Patch;
 use crate::potential::{CoupledLaw, Potential, Potentials};
-use crate::ranks::Ranks;
 use crate::response::{Response, Responses};
 use crate::search::{Search, point};
 use crate::source::{BodySource, Extent, no_surface};
@@ -43,10 +43,10 @@ pub struct StoredBody {
     path: PathBuf,
     file: fs::File,
     /// Of the file when it was checked.
-    stamp: Stamp,
+    fingerprint: Fingerprint,
     tensors: Tensors,
     law: Law,
-    outline: ContactModel,
+    model_header: ContactModel,
     search: Search,
     nodes: usize,
     test_points: usize,
@@ -63,7 +63,7 @@ struct Tensors {
     inward: u64,
     weights: u64,
     lateral_tensors: u64,
-    mixed: u64,
+    blended: u64,
     triangles: u64,
     twins: u64,
 }
@@ -106,7 +106,7 @@ impl StoredBody {
     }
 
     fn check(path: &Path, file: fs::File, bytes: &[u8], slip: Option<SlipRule>) -> Result<Self> {
-        let stamp = Stamp::of(&file).map_err(|e| BodyError::io(path, e))?;
+        let fingerprint = Fingerprint::of(&file).map_err(|e| BodyError::io(path, e))?;
         let parsed = File::parse(bytes)?;
         let positions: &[DVec3] = column(&parsed, "positions")?;
         let inward: &[DVec3] = column(&parsed, "inward_normals")?;
@@ -115,11 +115,11 @@ impl StoredBody {
         check_surface(positions, inward, vertices, elements)?;
 
         let at: &[u32] = column(&parsed, "test_point_nodes")?;
-        let mixed: &[[u32; 3]] = column(&parsed, "node_test_points")?;
+        let blended: &[[u32; 3]] = column(&parsed, "node_test_points")?;
         let weights: &[[f64; 3]] = column(&parsed, "node_weights")?;
         let fades = border_nodes(positions.len(), elements);
-        for (n, ((&test_points, &weights), &fades)) in mixed.iter().zip(weights).zip(&fades).enumerate() {
-            check_mix(n, &NodeMix { test_points, weights }, at.len(), fades)?;
+        for (n, ((&test_points, &weights), &fades)) in blended.iter().zip(weights).zip(&fades).enumerate() {
+            check_mix(n, &BlendWeights { test_points, weights }, at.len(), fades)?;
         }
         check_test_points(at, at.len(), positions.len())?;
         let tool: Tool = parsed.json("tool", serde_json::from_str)?;
@@ -129,7 +129,7 @@ impl StoredBody {
         let isotropic = tensors.iter().all(|a| *a == IDENTITY);
         check_tensors(tensors, inward)?;
 
-        let (law, outline) = match parsed.coupled()? {
+        let (law, model_header) = match parsed.coupled()? {
             None => Self::check_responses(&parsed, at)?,
             Some(header) => Self::check_potentials(&parsed, header, at, inward)?,
         };
@@ -144,19 +144,19 @@ impl StoredBody {
         let mut body = StoredBody {
             path: path.to_path_buf(),
             file,
-            stamp,
+            fingerprint,
             tensors: Tensors {
                 positions: parsed.place("positions"),
                 inward: parsed.place("inward_normals"),
                 weights: parsed.place("node_weights"),
                 lateral_tensors: parsed.place("lateral_tensors"),
-                mixed: parsed.place("node_test_points"),
+                blended: parsed.place("node_test_points"),
                 triangles: parsed.place("triangles"),
                 twins: parsed.place("twins"),
             },
             law,
-            outline: ContactModel::without_surface(
-                outline,
+            model_header: ContactModel::without_surface(
+                model_header,
                 creased(vertices),
                 tool,
                 (own, parsed.tank()?),
@@ -173,7 +173,7 @@ impl StoredBody {
         let (responses, law) = (body.reading().responses(&which)?, body.reading().potentials(&which)?);
         let potentials = law.iter().flat_map(|law| &law.potentials).flat_map(Potential::curves);
         let curves = responses.iter().flat_map(Response::curves).chain(potentials);
-        body.outline.identity = identity(positions, inward, [elements.count(), at.len()], &tool, curves);
+        body.model_header.identity = identity(positions, inward, [elements.count(), at.len()], &tool, curves);
         Ok(body)
     }
 
@@ -213,21 +213,21 @@ impl StoredBody {
             }
         }
         let (knots, table) = Potentials::new(&CoupledLaw { range_m: header.range_m, potentials: first })?;
-        let outline = (Responses::knots_alone(knots, header.range_m)?, table.without_points());
+        let model_header = (Responses::knots_alone(knots, header.range_m)?, table.without_points());
         let (tangents, curves) = (parsed.place("coupled_tangents"), parsed.place("coupled_curves"));
-        Ok((Law::Coupled { header, tangents, curves }, outline))
+        Ok((Law::Coupled { header, tangents, curves }, model_header))
     }
 
     /// An error unless the file is as it was when it was checked, as far as its length and time tell.
     fn check_unchanged(&self) -> Result<()> {
-        let now = Stamp::of(&self.file).map_err(|e| BodyError::io(&self.path, e))?;
-        if now == self.stamp {
+        let now = Fingerprint::of(&self.file).map_err(|e| BodyError::io(&self.path, e))?;
+        if now == self.fingerprint {
             return Ok(());
         }
-        let how = if now.bytes() < self.stamp.bytes() { "cut short" } else { "changed" };
+        let how = if now.bytes() < self.fingerprint.bytes() { "cut short" } else { "changed" };
         let problem = format!("it was {how} while it was in use");
-        let mend = "leave it alone while a loop runs on it, and start again";
-        Err(BodyError::invalid("body file", problem, mend).in_file(&self.path))
+        let hint = "leave it alone while a loop runs on it, and start again";
+        Err(BodyError::invalid("body file", problem, hint).in_file(&self.path))
     }
 
     /// Where nobody watches.
@@ -336,8 +336,8 @@ impl Reading<'_> {
     }
 
     /// The other elements around the nodes of these, and their numbers.
-    fn around(&self, known: &Ranks, elements: &[Element]) -> Result<(Vec<u32>, Vec<Element>)> {
-        let nodes = Ranks::of(elements.iter().flat_map(|e| e.nodes));
+    fn around(&self, known: &IndexMap, elements: &[Element]) -> Result<(Vec<u32>, Vec<Element>)> {
+        let nodes = IndexMap::of(elements.iter().flat_map(|e| e.nodes));
         let (mut numbers, mut around): (Vec<u32>, Vec<Element>) = (Vec::new(), Vec::new());
         let mut seen = 0;
         loop {
@@ -345,9 +345,9 @@ impl Reading<'_> {
             let mut wanted = Vec::new();
             for element in last {
                 for (edge, twin) in element.twins.into_iter().enumerate() {
-                    let is_known = || known.rank(twin / 3).is_some() || numbers.contains(&(twin / 3));
+                    let is_known = || known.index_of(twin / 3).is_some() || numbers.contains(&(twin / 3));
                     let joins =
-                        || [edge, (edge + 1) % 3].iter().any(|&i| nodes.rank(element.nodes[i]).is_some());
+                        || [edge, (edge + 1) % 3].iter().any(|&i| nodes.index_of(element.nodes[i]).is_some());
                     wanted.extend((twin < FENCE && !is_known() && joins()).then_some(twin / 3));
                 }
             }
@@ -363,34 +363,35 @@ impl Reading<'_> {
     }
 
     /// A model of these elements and what their gradients need, and which of its elements they are. It has no tree.
-    fn excerpt(&self, chosen: &[u32]) -> Result<(ContactModel, Ranks)> {
+    fn submesh(&self, chosen: &[u32]) -> Result<(ContactModel, IndexMap)> {
         let mut elements = self.elements(chosen)?;
-        let mut numbers = Ranks::of(chosen.iter().copied());
+        let mut numbers = IndexMap::of(chosen.iter().copied());
         if self.of.gradients {
             let (others, around) = self.around(&numbers, &elements)?;
             let all = chosen.iter().copied().zip(elements).chain(others.into_iter().zip(around));
             let mut all: Vec<_> = all.collect();
             all.sort_unstable_by_key(|(e, _)| *e);
-            numbers = Ranks::of(all.iter().map(|(e, _)| *e));
+            numbers = IndexMap::of(all.iter().map(|(e, _)| *e));
             elements = all.into_iter().map(|(_, element)| element).collect();
         }
-        let nodes = Ranks::of(elements.iter().flat_map(|e| e.nodes));
+        let nodes = IndexMap::of(elements.iter().flat_map(|e| e.nodes));
         let which = nodes.list();
-        let mixed: Vec<[u32; 3]> = self.rows(self.of.tensors.mixed, which)?;
-        let points = Ranks::of(mixed.iter().flatten().copied());
+        let blended: Vec<[u32; 3]> = self.rows(self.of.tensors.blended, which)?;
+        let points = IndexMap::of(blended.iter().flatten().copied());
         let responses = self.responses(points.list())?;
 
-        let mut model = self.of.outline.outline();
+        let mut model = self.of.model_header.model_header();
         match self.potentials(points.list())? {
             None => model.responses = Responses::new(&responses)?,
             Some(law) => model.potentials = Potentials::new(&law)?.1,
         }
         let positions = self.rows(self.of.tensors.positions, which)?.into_iter();
         let inward = self.rows(self.of.tensors.inward, which)?;
-        let mixes = mixed.into_iter().zip(self.rows(self.of.tensors.weights, which)?);
-        let mixes = mixes.map(|(t, weights)| NodeMix { test_points: t.map(|t| points.renumber(t)), weights });
-        let rest = positions.zip(inward).zip(mixes);
-        model.nodes = rest.map(|((position, inward), mix)| Node::new(position, inward, &mix)).collect();
+        let blends = blended.into_iter().zip(self.rows(self.of.tensors.weights, which)?);
+        let blends =
+            blends.map(|(t, weights)| BlendWeights { test_points: t.map(|t| points.renumber(t)), weights });
+        let rest = positions.zip(inward).zip(blends);
+        model.nodes = rest.map(|((position, inward), blend)| Node::new(position, inward, &blend)).collect();
         let local = |e: Element| Element {
             nodes: e.nodes.map(|n| nodes.renumber(n)),
             // At a border it is no element's, and stays what it is.
@@ -403,13 +404,13 @@ impl Reading<'_> {
         if self.of.gradients {
             model.gradients = Gradients::new(&model, &responses).into();
         }
-        Ok((model, Ranks::of(chosen.iter().map(|&e| numbers.renumber(e)))))
+        Ok((model, IndexMap::of(chosen.iter().map(|&e| numbers.renumber(e)))))
     }
 }
 
 impl BodySource for StoredBody {
-    fn outline(&self) -> &ContactModel {
-        &self.outline
+    fn model_header(&self) -> &ContactModel {
+        &self.model_header
     }
 
     fn element_count(&self) -> usize {
@@ -421,17 +422,17 @@ impl BodySource for StoredBody {
             return Ok(());
         }
         let problem = "it was opened for contacts with another slip rule than `consistent`";
-        let mend = "name the rule to StoredBody::open";
-        Err(BodyError::invalid("slip rule", problem, mend).in_file(&self.path))
+        let hint = "name the rule to StoredBody::open";
+        Err(BodyError::invalid("slip rule", problem, hint).in_file(&self.path))
     }
 
     fn take(&self, patch: &mut Patch, centre: [f64; 3], count: usize, beat: &dyn Fn()) -> Result<()> {
         let chosen = patch.choose(&self.search, centre, count);
-        let excerpt = Reading { of: self, beat }.excerpt(chosen);
+        let submesh = Reading { of: self, beat }.submesh(chosen);
         // What was read is what was checked; if not, that is the reason for any other error.
         self.check_unchanged()?;
-        let (excerpt, elements) = excerpt.map_err(|e| e.in_file(&self.path))?;
-        patch.copy(&excerpt, &elements);
+        let (submesh, elements) = submesh.map_err(|e| e.in_file(&self.path))?;
+        patch.copy(&submesh, &elements);
         Ok(())
     }
 
@@ -493,8 +494,8 @@ fn batches(count: usize, mut each: impl FnMut(&[u32]) -> Result<()>) -> Result<(
 fn column<'a, T: Pod>(file: &File<'a>, name: &str) -> Result<&'a [T]> {
     bytemuck::try_cast_slice(file.bytes(name)).map_err(|_| {
         let problem = "its numbers are not aligned in the file: it was written by another program";
-        let mend = "open it in memory, or write it again with Body::save";
-        BodyError::invalid(format!("tensor `{name}`"), problem, mend)
+        let hint = "open it in memory, or write it again with Body::save";
+        BodyError::invalid(format!("tensor `{name}`"), problem, hint)
     })
 }
 

@@ -21,7 +21,7 @@ pub const NO_TWIN: u32 = u32::MAX;
 pub(crate) const FENCE: u32 = u32::MAX - 1;
 
 /// Elements a surface may have: a half-edge (element × 3 + edge) must fit in 32 bits, and [`NO_TWIN`] and
-/// a patch's fence be free.
+/// a patch's boundary be free.
 pub const MAX_ELEMENTS: usize = (u32::MAX / 3) as usize - 1;
 
 /// Coordinates beyond this (m) are taken for a mistake in the unit.
@@ -199,7 +199,7 @@ fn check_mesh(mesh: &TriangleMesh) -> Result<()> {
             return Err(BodyError::invalid(
                 format!("triangle {t}"),
                 format!("it names vertex {v}, but there are {}", mesh.positions.len()),
-                "mend the mesh's indices",
+                "correct the mesh's indices",
             ));
         }
         check_area(t, triangle.map(|v| mesh.positions[v as usize]))?;
@@ -229,7 +229,7 @@ pub(crate) fn check_position(what: &str, number: usize, p: DVec3) -> Result<()> 
     Err(BodyError::invalid(
         format!("{what} {number}"),
         format!("its coordinates ({}, {}, {}) m are not finite or beyond {MAX_COORDINATE} m", p.x, p.y, p.z),
-        "mend the coordinate or the mesh's unit",
+        "correct the coordinate or the mesh's unit",
     ))
 }
 
@@ -287,7 +287,7 @@ pub(crate) fn check_normals(inward: &[DVec3], positions: &[DVec3], elements: imp
     Ok(())
 }
 
-/// Whether the mix of an element's three normals may come near to vanishing in it: it does not as long as all three
+/// Whether the blend of an element's three normals may come near to vanishing in it: it does not as long as all three
 /// have a part along their sum.
 fn opposes(element: &Element, inward: &[DVec3]) -> bool {
     let u = element.nodes.map(|n| inward[n as usize]);

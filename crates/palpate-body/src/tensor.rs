@@ -1,4 +1,4 @@
-//! The lateral tensor of a node: how stiffness sideways depends on the direction (MODEL 7, anisotropic lateral
+//! The lateral tensor of a node: how stiffness laterally depends on the direction (MODEL 7, anisotropic lateral
 //! response).
 //!
 //! A tensor A is symmetric, in the body's frame, as [xx, yy, zz, xy, xz, yz]. The lateral curve is asked at
@@ -97,7 +97,7 @@ fn acceptable(p: &Principal) -> bool {
     a.is_finite() && b.is_finite() && low > 0.0 && high <= MAX_RATIO * (1.0 + EXACT) * low
 }
 
-/// What a node's tensor must be; problem and mend where it is not.
+/// What a node's tensor must be; problem and hint where it is not.
 pub(crate) fn check(tensor: &Tensor, u: DVec3) -> Result<(), (String, &'static str)> {
     const AGAIN: &str = "make it with `tensor::from_stiffness`, or the body again";
     if !tensor.iter().all(|x| x.abs() <= 2.0 * MAX_RATIO) {

@@ -7,7 +7,7 @@ mod support;
 
 use glam::DVec3;
 use palpate_body::{
-    Body, BodyParts, BodySource, CoupledLaw, Curve, Extension, Interpolation, NodeMix, PointErrors,
+    BlendWeights, Body, BodyParts, BodySource, CoupledLaw, Curve, Extension, Interpolation, PointErrors,
     Provenance, Response, SlipRule, StoredBody, Surface, Tensor, Tool, TriangleMesh, tensor,
 };
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -93,7 +93,7 @@ fn body(mesh: &TriangleMesh, crease_angle: f64, points: u32) -> Body {
     made(mesh, crease_angle, points, |_| None)
 }
 
-/// The same, stiffer sideways in one direction than in the other by a factor of 1 to 100.
+/// The same, stiffer laterally in one direction than in the other by a factor of 1 to 100.
 fn anisotropic(mesh: &TriangleMesh, points: u32) -> Body {
     made(mesh, 0.5, points, |inward| {
         let ratio = |n: usize| if n == 0 { tensor::MAX_RATIO } else { 1.0 + n as f64 };
@@ -111,10 +111,12 @@ fn made(
 ) -> Body {
     let surface = Surface::build(mesh, crease_angle).unwrap();
     let nodes = surface.positions().len() as u32;
-    let mix =
-        |n: u32| NodeMix { test_points: [n % points, (n + 1) % points, 0], weights: [0.7, 0.1 + 0.2, 0.0] };
+    let blend = |n: u32| BlendWeights {
+        test_points: [n % points, (n + 1) % points, 0],
+        weights: [0.7, 0.1 + 0.2, 0.0],
+    };
     Body::new(BodyParts {
-        mixes: (0..nodes).map(mix).collect(),
+        blends: (0..nodes).map(blend).collect(),
         coupled: None,
         lateral_tensors: tensors(surface.inward_normals()),
         surface,
@@ -203,7 +205,7 @@ fn old_files_are_read() {
         assert_eq!(Body::open(&path).unwrap(), body, "{name}");
         // What holds no more is still written as before: programs of that time read it.
         assert_eq!(body.to_bytes().unwrap(), std::fs::read(&path).unwrap(), "{name}");
-        assert!(!StoredBody::open(&path, None).unwrap().outline().has_tank(), "{name}");
+        assert!(!StoredBody::open(&path, None).unwrap().model_header().has_tank(), "{name}");
     }
 }
 
@@ -219,7 +221,7 @@ fn the_tank_is_kept() {
             body.save(&path).unwrap();
             assert_eq!(Body::open(&path).unwrap().has_tank(), tank);
             let stored = StoredBody::open(&path, None).unwrap();
-            assert_eq!(stored.outline().has_tank(), tank);
+            assert_eq!(stored.model_header().has_tank(), tank);
             let mut patch = stored.patch();
             stored.take(&mut patch, body.nodes()[0].position.to_array(), 4, &|| ()).unwrap();
             assert_eq!(patch.model().has_tank(), tank);
@@ -260,7 +262,7 @@ fn the_radius_survives_to_the_last_bit() {
         let radius = (random.next() >> 11) as f64 / (1u64 << 53) as f64 * 0.05;
         let surface = Surface::build(&cube(), 0.5).unwrap();
         let body = Body::new(BodyParts {
-            mixes: vec![NodeMix::own(0); surface.positions().len()],
+            blends: vec![BlendWeights::own(0); surface.positions().len()],
             surface,
             responses: vec![response(500.0)],
             test_point_nodes: vec![0],
@@ -304,7 +306,7 @@ fn a_failed_save_leaves_the_old_file() {
     // A provenance that no header can hold is found before anything is touched.
     let surface = Surface::build(&cube(), 0.5).unwrap();
     let wordy = Body::new(BodyParts {
-        mixes: vec![NodeMix::own(0); surface.positions().len()],
+        blends: vec![BlendWeights::own(0); surface.positions().len()],
         surface,
         responses: vec![response(500.0)],
         test_point_nodes: vec![0],
@@ -349,7 +351,7 @@ fn with_header(bytes: &[u8], from: &str, to: &str) -> Vec<u8> {
 }
 
 #[test]
-fn messages_name_the_place_and_the_mend() {
+fn messages_name_the_place_and_the_hint() {
     let bytes = body(&cube(), 0.5, 4).with_tank(false).to_bytes().unwrap();
     let refused = |bytes: &[u8], words: &[&str]| {
         let message = Body::from_bytes(bytes).unwrap_err().to_string();
@@ -488,7 +490,7 @@ fn a_coupled_patch_out_of_the_file_is_that_of_the_body_in_memory() {
             let whole = Body::open(&path).unwrap();
             whole.prepare(rule);
             let stored = StoredBody::open(&path, Some(rule)).unwrap();
-            assert!(stored.outline().is_coupled());
+            assert!(stored.model_header().is_coupled());
             let (mut read, mut copied) = (stored.patch(), whole.patch());
             for _ in 0..20 {
                 let at = body.nodes()[random.below(body.nodes().len())].position.to_array();

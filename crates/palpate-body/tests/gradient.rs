@@ -3,20 +3,20 @@
 use glam::DVec3;
 use palpate_body::body::share_knots;
 use palpate_body::{
-    Body, BodyParts, Curve, DecoupledEnergies, Extension, Interpolation, Known, NodeMix, Provenance,
-    Response, SlipRule, Surface, Tool, TriangleMesh,
+    BlendWeights, Body, BodyParts, Curve, DecoupledEnergies, EnergyCache, Extension, Interpolation,
+    Provenance, Response, SlipRule, Surface, Tool, TriangleMesh,
 };
 
 /// A right triangle of 3 cm, each side cut into `cells`, tilted in space.
 fn triangle(cells: usize) -> (TriangleMesh, Vec<[f64; 3]>) {
-    let (mut mesh, mut mixes) = (TriangleMesh::default(), Vec::new());
+    let (mut mesh, mut blends) = (TriangleMesh::default(), Vec::new());
     let (e1, e2) = (DVec3::new(0.02, 0.01, -0.02), DVec3::new(-0.01, 0.02, 0.005));
     let number = |i: usize, j: usize| (0..j).map(|j| cells + 1 - j).sum::<usize>() + i;
     for j in 0..=cells {
         for i in 0..=cells - j {
             let (u, v) = (i as f64 / cells as f64, j as f64 / cells as f64);
             mesh.positions.push(e1 * u + e2 * v);
-            mixes.push([(1.0 - u - v).max(0.0), u, v]);
+            blends.push([(1.0 - u - v).max(0.0), u, v]);
             if i + j < cells {
                 mesh.triangles.push([number(i, j), number(i + 1, j), number(i, j + 1)].map(|n| n as u32));
             }
@@ -26,15 +26,15 @@ fn triangle(cells: usize) -> (TriangleMesh, Vec<[f64; 3]>) {
             }
         }
     }
-    (mesh, mixes)
+    (mesh, blends)
 }
 
-fn body(mesh: &TriangleMesh, mixes: Vec<NodeMix>, responses: Vec<Response>) -> Body {
+fn body(mesh: &TriangleMesh, blends: Vec<BlendWeights>, responses: Vec<Response>) -> Body {
     let surface = Surface::build(mesh, f64::INFINITY).unwrap();
     Body::new(BodyParts {
         test_point_nodes: (0..responses.len() as u32).collect(),
         surface,
-        mixes,
+        blends,
         responses: share_knots(responses).unwrap(),
         coupled: None,
         lateral_tensors: None,
@@ -45,18 +45,18 @@ fn body(mesh: &TriangleMesh, mixes: Vec<NodeMix>, responses: Vec<Response>) -> B
     .unwrap()
 }
 
-/// Over a plane whose responses are mixed of three, the energy is linear, and every node's gradient is its gradient: from
+/// Over a plane whose responses are blended of three, the energy is linear, and every node's gradient is its gradient: from
 /// three test points as from nodes that are all test points of their own.
 #[test]
 fn a_linear_field_has_its_gradient_everywhere() {
     let response = |k: f64| Response::paper(k, 1.5 * k, 0.2, 6e-3, 4e-3).unwrap();
     let corners = [400.0, 700.0, 1000.0];
-    let (mesh, mixes) = triangle(6);
+    let (mesh, blends) = triangle(6);
     let stiffness = |w: &[f64; 3]| w[0] * corners[0] + w[1] * corners[1] + w[2] * corners[2];
-    let shared = mixes.iter().map(|&weights| NodeMix { test_points: [0, 1, 2], weights }).collect();
+    let shared = blends.iter().map(|&weights| BlendWeights { test_points: [0, 1, 2], weights }).collect();
     let shared = body(&mesh, shared, corners.map(response).to_vec());
-    let own = (0..mixes.len() as u32).map(NodeMix::own).collect();
-    let own = body(&mesh, own, mixes.iter().map(|w| response(stiffness(w))).collect());
+    let own = (0..blends.len() as u32).map(BlendWeights::own).collect();
+    let own = body(&mesh, own, blends.iter().map(|w| response(stiffness(w))).collect());
 
     for (depth, lateral) in [(2e-3, 1e-3), (5e-3, 0.0), (9e-3, 6e-3), (-1e-3, 2e-3)] {
         let energy = |k: f64| {
@@ -72,14 +72,14 @@ fn a_linear_field_has_its_gradient_everywhere() {
         for body in [&shared, &own] {
             let responses = body.responses();
             let rows = (&responses.depth_rows([0; 3], depth), &responses.lateral_rows([0; 3], lateral));
-            let strain = responses.strain([depth, lateral], rows);
+            let basis = responses.basis([depth, lateral], rows);
             for (n, node) in body.nodes().iter().enumerate() {
                 // Here the gradient has the same share of the energy at every deflection: the bound is no more than that.
-                let share = exact.length() / energy(stiffness(&mixes[n]));
-                let most = f64::from(body.prepared_gradients().most(n as u32).energy);
+                let share = exact.length() / energy(stiffness(&blends[n]));
+                let most = f64::from(body.prepared_gradients().bound(n as u32).energy);
                 assert!((1.0..1.0 + 1e-5).contains(&(most / share)), "node {n}: {most} {share}");
-                for known in [Known::NONE, strain.known(node.test_points)] {
-                    let energies = DecoupledEnergies { strain, known };
+                for cache in [EnergyCache::NONE, basis.cache(node.test_points)] {
+                    let energies = DecoupledEnergies { basis, cache };
                     let gradient = body.prepared_gradients().energy(n as u32, node.test_points[0], &energies);
                     let error = (gradient.as_dvec3() - exact).length();
                     assert!(error < 2e-6 * exact.length(), "node {n}: {gradient} {exact}");
@@ -87,7 +87,7 @@ fn a_linear_field_has_its_gradient_everywhere() {
             }
         }
     }
-    let beyond = shared.prepared_gradients().turn(u32::MAX, glam::Vec3A::X);
+    let beyond = shared.prepared_gradients().frame_gradient(u32::MAX, glam::Vec3A::X);
     assert_eq!(beyond, glam::Vec3A::ZERO);
 }
 
@@ -115,11 +115,11 @@ fn the_bound_holds_at_all_deflections() {
         seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (seed >> 11) as f64 / (1u64 << 53) as f64
     };
-    let (mesh, mixes) = triangle(2);
+    let (mesh, blends) = triangle(2);
     let (mut compared, mut infinite, mut below_zero, mut nearest) = (0, 0, 0, 0.0f64);
     for case in 0..400 {
         let depth: Vec<f64> = [0.0, 0.5e-3, 2e-3, 6e-3][..2 + case % 3].to_vec();
-        let count = if case % 2 == 0 { 3 } else { mixes.len() };
+        let count = if case % 2 == 0 { 3 } else { blends.len() };
         let responses: Vec<Response> = (0..count)
             .map(|_| {
                 let mut force = 0.0;
@@ -152,27 +152,27 @@ fn the_bound_holds_at_all_deflections() {
             r.normal.ordinates().iter().chain(r.lateral.ordinates()).flatten().any(|b| *b < 0.0)
         };
         below_zero += usize::from(responses.iter().any(negative));
-        let mixes: Vec<NodeMix> = match count {
-            3 => mixes.iter().map(|&weights| NodeMix { test_points: [0, 1, 2], weights }).collect(),
-            _ => (0..count as u32).map(NodeMix::own).collect(),
+        let blends: Vec<BlendWeights> = match count {
+            3 => blends.iter().map(|&weights| BlendWeights { test_points: [0, 1, 2], weights }).collect(),
+            _ => (0..count as u32).map(BlendWeights::own).collect(),
         };
-        let body = body(&mesh, mixes, responses);
+        let body = body(&mesh, blends, responses);
         let responses = body.responses();
         for i in 0..=60 {
             for (d, r) in [(1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
                 let at = 8e-3 * (f64::from(i) / 60.0).powi(2);
                 let (d, r) = (d * at, r * at);
                 let rows = (&responses.depth_rows([0; 3], d), &responses.lateral_rows([0; 3], r));
-                let strain = responses.strain([d, r], rows);
+                let basis = responses.basis([d, r], rows);
                 for (n, node) in body.nodes().iter().enumerate() {
                     let gradients = body.prepared_gradients();
-                    let most = f64::from(gradients.most(n as u32).energy);
-                    let energies = node.test_points.map(|t| strain.energy(t));
+                    let most = f64::from(gradients.bound(n as u32).energy);
+                    let energies = node.test_points.map(|t| basis.energy(t));
                     let energy: f64 = (0..3).map(|k| node.weights[k] * energies[k]).sum();
                     let gradient = gradients.energy(
                         n as u32,
                         node.test_points[0],
-                        &DecoupledEnergies { strain, known: Known::NONE },
+                        &DecoupledEnergies { basis, cache: EnergyCache::NONE },
                     );
                     if most == f64::INFINITY {
                         infinite += 1;
@@ -181,7 +181,7 @@ fn the_bound_holds_at_all_deflections() {
                     compared += 1;
                     // In single precision; its terms may cancel.
                     let largest =
-                        (0..body.curves().len() as u32).map(|t| strain.energy(t)).fold(0.0, f64::max);
+                        (0..body.curves().len() as u32).map(|t| basis.energy(t)).fold(0.0, f64::max);
                     let (size, rounding) = (f64::from(gradient.length()), 1e-6 * largest / 5e-3);
                     assert!(
                         size <= most * energy + rounding,

@@ -1,4 +1,4 @@
-//! Mesh files: each format's variants, what a defect's message says, what is mended, and that noise only ever ends
+//! Mesh files: each format's variants, what a defect's message says, what is repaired, and that noise only ever ends
 //! in a message.
 //!
 //! The files in `meshes/` were written by VTK 9.7: a box of 10 x 20 x 30 with its middle at (1, 2, 3) and a sphere of
@@ -353,8 +353,8 @@ fn wrong_files_are_refused_with_their_place() {
     refused("a.vtp", zlib.replace("eF5VzL", "eF5VzM"), &["line 69", "damaged"]);
 }
 
-/// The box with some change, mended.
-fn mended(options: Options, change: impl FnOnce(&mut TriangleMesh)) -> Result<(TriangleMesh, Report)> {
+/// The box with some change, repaired.
+fn repaired(options: Options, change: impl FnOnce(&mut TriangleMesh)) -> Result<(TriangleMesh, Report)> {
     let mut mesh = box_mesh();
     change(&mut mesh);
     let given = mesh.clone();
@@ -372,7 +372,7 @@ fn add(mesh: &mut TriangleMesh, other: &TriangleMesh, place: impl Fn(DVec3) -> D
 
 #[test]
 fn soups_are_welded_and_leftovers_dropped() {
-    let (mesh, report) = mended(Options::default(), |mesh| {
+    let (mesh, report) = repaired(Options::default(), |mesh| {
         let corners: Vec<u32> = mesh.triangles.iter().flatten().copied().collect();
         mesh.positions = corners.iter().map(|&v| mesh.positions[v as usize]).collect();
         mesh.triangles = (0..12).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
@@ -418,7 +418,7 @@ fn signed_zeros_are_one_position() {
 #[test]
 fn orientation_is_made_one_and_outward() {
     for turned in [vec![0], vec![3, 4, 7], (0..12).collect(), (1..12).collect()] {
-        let (mesh, report) = mended(Options::default(), |mesh| {
+        let (mesh, report) = repaired(Options::default(), |mesh| {
             turned.iter().for_each(|&t: &usize| mesh.triangles[t].swap(1, 2));
         })
         .unwrap();
@@ -434,11 +434,11 @@ fn an_open_surface_needs_consent_and_keeps_its_majority() {
         mesh.triangles.truncate(10);
         mesh.triangles[4].swap(1, 2);
     };
-    let message = refusal(mended(Options::default(), open));
+    let message = refusal(repaired(Options::default(), open));
     for words in ["4 edges", "an edge of triangle", ") mm", "--open", "[body] open = true"] {
         assert!(message.contains(words), "{message}");
     }
-    let (mesh, report) = mended(Options { allow_open: true }, open).unwrap();
+    let (mesh, report) = repaired(Options { allow_open: true }, open).unwrap();
     assert_eq!((report.border_edges, report.flipped_triangles), (4, 1));
     assert_eq!(mesh.triangles, box_mesh().triangles[..10]);
     // Inside out, an open surface stays so: nothing says which side is out.
@@ -446,7 +446,7 @@ fn an_open_surface_needs_consent_and_keeps_its_majority() {
         mesh.triangles.truncate(10);
         mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
     };
-    assert_eq!(mended(Options { allow_open: true }, inside_out).unwrap().1.flipped_triangles, 0);
+    assert_eq!(repaired(Options { allow_open: true }, inside_out).unwrap().1.flipped_triangles, 0);
 }
 
 #[test]
@@ -456,7 +456,7 @@ fn cavities_face_inwards_and_islands_outwards() {
     let scaled = |k: f64| move |p: DVec3| (p - middle) * k + middle;
     // A shell, its cavity, an island within, and a box beside; all facing out, or all in.
     for inside_out in [false, true] {
-        let (mesh, report) = mended(Options::default(), |mesh| {
+        let (mesh, report) = repaired(Options::default(), |mesh| {
             add(mesh, &inner, scaled(0.5));
             add(mesh, &inner, scaled(0.25));
             add(mesh, &inner, |p| p + DVec3::X * 0.1);
@@ -474,7 +474,7 @@ fn cavities_face_inwards_and_islands_outwards() {
 
 #[test]
 fn beyond_64_components_orientation_is_trusted() {
-    let (_, report) = mended(Options::default(), |mesh| {
+    let (_, report) = repaired(Options::default(), |mesh| {
         let one = mesh.clone();
         (1..70).for_each(|i| add(mesh, &one, |p| p + DVec3::X * 0.1 * f64::from(i)));
         mesh.triangles[12..24].iter_mut().for_each(|t| t.swap(1, 2));
@@ -487,7 +487,7 @@ fn beyond_64_components_orientation_is_trusted() {
 #[test]
 fn bow_ties_are_fine() {
     let other = box_mesh();
-    let (mesh, report) = mended(Options::default(), |mesh| {
+    let (mesh, report) = repaired(Options::default(), |mesh| {
         add(mesh, &other, |p| p + (other.positions[7] - other.positions[0]));
     })
     .unwrap();
@@ -498,7 +498,7 @@ fn bow_ties_are_fine() {
 #[test]
 fn defects_are_refused_with_triangle_and_place() {
     let refused = |words: &[&str], change: &dyn Fn(&mut TriangleMesh)| {
-        let message = refusal(mended(Options { allow_open: true }, change));
+        let message = refusal(repaired(Options { allow_open: true }, change));
         assert!(words.iter().all(|w| message.contains(w)), "{message}");
     };
     refused(&["vertex 3", "mm", "finite"], &|m| m.positions[3].x = f64::NAN);
@@ -539,7 +539,7 @@ fn the_users_order_is_kept() {
 }
 
 #[test]
-fn a_million_triangles_are_mended_in_seconds() {
+fn a_million_triangles_are_repaired_in_seconds() {
     let shape = Shape::Sphere { radius_mm: 30.0 };
     let mut mesh = shape.mesh(Resolution { edge_length_mm: Some(0.1615), ..Default::default() }).unwrap();
     assert!(mesh.triangles.len() > 1_000_000 - 20_000);
@@ -547,7 +547,7 @@ fn a_million_triangles_are_mended_in_seconds() {
     add(&mut mesh, &inner, |p| p * 0.5);
     let start = std::time::Instant::now();
     let (_, report) = repair(mesh, Options::default()).unwrap();
-    eprintln!("mended in {:?}", start.elapsed());
+    eprintln!("repaired in {:?}", start.elapsed());
     assert_eq!(report.flipped_triangles, inner.triangles.len());
     assert!(start.elapsed().as_secs() < 20);
 }
@@ -613,7 +613,7 @@ fn noise_ends_in_a_message() {
         let known = ["vtk", "vtp", "vtu"].into_iter().find(|e| *e == extension).unwrap();
         seeds.push((known, std::fs::read(path).unwrap()));
     }
-    let (mut read_well, mut mended_well, mut total) = (0, 0, 0);
+    let (mut read_well, mut repaired_well, mut total) = (0, 0, 0);
     for (s, (extension, seed)) in seeds.iter().enumerate() {
         let name = format!("mutant.{extension}");
         let mut noise = Noise(0x9e37_79b9_7f4a_7c15 ^ (s as u64 + 1));
@@ -626,7 +626,7 @@ fn noise_ends_in_a_message() {
                 Ok(mesh) => {
                     read_well += 1;
                     if let Ok((mesh, _)) = repair(mesh, Options { allow_open: true }) {
-                        mended_well += 1;
+                        repaired_well += 1;
                         // Only a sharp fold may still be refused.
                         if let Err(error) = Surface::build(&mesh, f64::INFINITY) {
                             assert!(error.to_string().contains("folded"), "{error}");
@@ -636,6 +636,6 @@ fn noise_ends_in_a_message() {
             }
         }
     }
-    eprintln!("{total} mutants: {read_well} read, {mended_well} mended");
+    eprintln!("{total} mutants: {read_well} read, {repaired_well} repaired");
     assert!(read_well > total / 10, "{read_well} of {total}");
 }

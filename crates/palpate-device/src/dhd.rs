@@ -26,7 +26,7 @@ const NAMES: &[&str] = if cfg!(windows) {
 };
 const INSTALL: &str = "install the Force Dimension SDK (forcedimension.com) and put the folder of its library where the \
                        loader looks, or name the file (--device-library)";
-/// The device did what it was told, but nothing is new since the last call.
+/// The device did what it was commanded, but nothing is new since the last call.
 const TIME_GUARD: c_int = 1;
 /// The motors can't do more.
 const MOTOR_SATURATED: c_int = 2;
@@ -122,8 +122,8 @@ impl Dhd {
         Dhd { options, capabilities, port: None, notes: Vec::new(), trouble: Trouble([0; 96]) }
     }
 
-    fn error(&self, problem: String, mend: &str) -> OpenError {
-        OpenError { device: "dhd".into(), problem, mend: mend.into() }
+    fn error(&self, problem: String, hint: &str) -> OpenError {
+        OpenError { device: "dhd".into(), problem, hint: hint.into() }
     }
 
     /// The library, loaded, and the device that was asked for, connected.
@@ -248,7 +248,7 @@ struct Port {
     id: c_char,
     wrist: bool,
     limits: Limits,
-    /// In the vendor's axes: what it last said, no numbers before.
+    /// In the vendor's axes: what it last said, NaN before.
     position: [f64; 3],
     frame: Frame,
     sequence: u64,

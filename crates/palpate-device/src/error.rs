@@ -1,15 +1,15 @@
 //! What can go wrong: at leisure while opening, as plain data in the loop.
 
-/// Why a device could not be opened: what is wrong, and how to mend it.
+/// Why a device could not be opened: what is wrong, and how to correct it.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{device}: {problem}; {mend}")]
+#[error("{device}: {problem}; {hint}")]
 pub struct OpenError {
     /// The device, as its capabilities name it or as it was asked for.
     pub device: String,
     /// What is wrong: a library that is missing, no device on the bus, a service that refuses.
     pub problem: String,
     /// What the user can do: install, plug in, give rights.
-    pub mend: String,
+    pub hint: String,
 }
 
 /// Why a `read` or `write` failed. Plain data: a loop can keep, count and send it without allocating.

@@ -8,12 +8,12 @@ use std::path::Path;
 /// Opens the library at `path`, or else the first of `names` that the system's loader finds.
 ///
 /// # Errors
-/// None of them opens. The problem says what was tried and why each failed, the mend is `mend`.
+/// None of them opens. The problem says what was tried and why each failed, the correct is `hint`.
 pub(crate) fn open(
     device: &str,
     path: Option<&Path>,
     names: &[&str],
-    mend: &str,
+    hint: &str,
 ) -> Result<Library, OpenError> {
     let mut tried = Vec::new();
     let candidates: Vec<&Path> = path.map_or_else(|| names.iter().map(Path::new).collect(), |p| vec![p]);
@@ -27,7 +27,7 @@ pub(crate) fn open(
     }
     let place = if path.is_some() { String::new() } else { format!(" where the loader looks ({SEARCHED})") };
     let problem = format!("its library doesn't open{place}: {}", tried.join("; "));
-    Err(OpenError { device: device.into(), problem, mend: mend.into() })
+    Err(OpenError { device: device.into(), problem, hint: hint.into() })
 }
 
 /// Where the loader looks for a bare name.
@@ -58,7 +58,7 @@ fn reason(candidate: &Path, error: &libloading::Error) -> String {
 ///
 /// # Safety
 /// `T` must be a function pointer of the symbol's real type, called no longer than the library is open.
-#[allow(unsafe_code, reason = "a symbol's type is known to nobody but who wrote its prototype")]
+#[allow(unsafe_code, reason = "a symbol's type is only known from its prototype")]
 pub(crate) unsafe fn symbol<T: Copy>(library: &Library, name: &'static str) -> Result<T, &'static str> {
     // SAFETY: the caller's promise.
     unsafe { library.get::<T>(name) }.map(|symbol| *symbol).map_err(|_| name)
@@ -84,7 +84,7 @@ macro_rules! prototypes {
             _library: libloading::Library,
         }
 
-        #[allow(unsafe_code, reason = "a symbol's type is known to nobody but who wrote its prototype")]
+        #[allow(unsafe_code, reason = "a symbol's type is only known from its prototype")]
         #[allow(clippy::too_many_arguments, reason = "the vendor's function has so many")]
         impl $name {
             /// Looks all names up; the error is the name that is missing.

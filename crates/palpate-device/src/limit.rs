@@ -23,7 +23,7 @@ impl Limits {
         }
     }
 
-    /// The command, cut to the limits, and whether its force had to be: nothing in place of what is no number.
+    /// The command, cut to the limits, and whether its force had to be: nothing in place of NaN or infinity.
     pub fn hold(self, command: &Command) -> (Command, bool) {
         let (force_n, cut) = held(command.force_n, self.force);
         let (torque_nm, _) = held(command.torque_nm, self.torque);
@@ -56,7 +56,7 @@ pub(crate) fn of_user(device: &str, max_force_n: Option<f64>) -> Result<Option<F
         Some(most) if !(most > 0.0 && most.is_finite()) => Err(OpenError {
             device: device.into(),
             problem: format!("the largest force is {most} N"),
-            mend: "give a number above 0".into(),
+            hint: "give a number above 0".into(),
         }),
         most => Ok(most.map(|most| Figure::stated(most, "the user"))),
     }

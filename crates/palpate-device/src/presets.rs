@@ -29,8 +29,8 @@ struct Row {
 
 const CHAI3D: &str = "the settings of CHAI3D, another program";
 const H3D: &str = "the Falcon's page in the wiki of H3DAPI, another program";
-const SHEET: &str = "remembered from the maker's data sheet, not looked up";
-const DRIVES: &str = "the order of size for drives of this kind; nobody states it";
+const SHEET: &str = "unverified: from memory of the maker's data sheet";
+const DRIVES: &str = "the order of size for drives of this kind; not published";
 
 /// A device by its name, or `None`.
 ///
@@ -118,10 +118,10 @@ fn row(row: Row) -> Capabilities {
             resolution_m: row.resolution,
             delay_s: Figure::guessed(
                 0.2e-3,
-                "a force's way over USB within its frame of 1 ms; nobody states it",
+                "a force's way over USB within its frame of 1 ms; not published",
             ),
-            lag_s: Figure::guessed(0.2e-3, "current loops of some kHz; nobody states it"),
-            slew_n_per_s: Figure::guessed(f64::INFINITY, "nobody states a limit"),
+            lag_s: Figure::guessed(0.2e-3, "current loops of some kHz; not published"),
+            slew_n_per_s: Figure::guessed(f64::INFINITY, "no limit is published"),
         },
     }
 }

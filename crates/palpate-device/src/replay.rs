@@ -13,7 +13,7 @@ pub struct ReplaySample {
     pub buttons: u32,
 }
 
-/// Gives recorded poses at their times, and renders nothing, whatever force it is told.
+/// Gives recorded poses at their times, and renders nothing, whatever force is commanded.
 ///
 /// `read` gives the newest sample that is not after the loop's time; before the first one, the first. When the last one
 /// was given and is past, `read` says [`Fault::Ended`].
@@ -62,10 +62,10 @@ impl Device for Replay {
     }
 
     /// # Errors
-    /// There is no sample, or a time is no number or before the one ahead of it.
+    /// There is no sample, or a time is NaN or infinite, or before the one ahead of it.
     fn open(&mut self) -> Result<(), OpenError> {
         let wrong =
-            |problem, mend: &str| Err(OpenError { device: "replay".into(), problem, mend: mend.into() });
+            |problem, hint: &str| Err(OpenError { device: "replay".into(), problem, hint: hint.into() });
         if self.samples.is_empty() {
             return wrong("there is no sample in it".into(), "give one at least");
         }

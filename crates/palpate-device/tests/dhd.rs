@@ -263,7 +263,7 @@ fn a_panic_in_mid_press() {
     assert_eq!(log[log.len() - 3..], END);
 }
 
-/// Poses that are no numbers are faults, and don't count as the first good one.
+/// Poses that are NaN or infinite are faults, and don't count as the first good one.
 #[test]
 fn no_numbers() {
     let library = LIBRARY.copy();
@@ -321,7 +321,7 @@ fn what_is_missing_is_said() {
 
     let error = Dhd::new(DhdOptions::default()).open().unwrap_err();
     assert!(error.problem.contains("libd") || error.problem.contains("dhd64"), "{error}");
-    assert!(error.mend.contains("SDK") && error.mend.contains("--device-library"), "{error}");
+    assert!(error.hint.contains("SDK") && error.hint.contains("--device-library"), "{error}");
     let nowhere = library.file.with_file_name("nowhere.so");
     let error = Dhd::new(DhdOptions { library: Some(nowhere), ..DhdOptions::default() }).open().unwrap_err();
     assert!(error.problem.contains("nowhere.so"), "{error}");

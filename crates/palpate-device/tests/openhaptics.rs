@@ -226,7 +226,7 @@ fn a_silent_loop() {
     log_until(&library, "force(1, 0, 0)");
 }
 
-/// The scheduler stands in the middle of a press: that is said, and the close takes the force off by itself.
+/// The scheduler freezes in the middle of a press: that is said, and the close takes the force off by itself.
 #[test]
 fn a_scheduler_that_stands() {
     let (_turn, library) = turn();
@@ -243,7 +243,7 @@ fn a_scheduler_that_stands() {
     assert!(error.contains("never calls back"), "{error}");
 }
 
-/// A scheduler that takes its time holds nobody.
+/// A scheduler that takes its time blocks no other thread.
 #[test]
 fn a_slow_scheduler() {
     let (_turn, library) = turn();
@@ -281,13 +281,13 @@ fn names() {
     library.set("refused", 99.0);
     let error = OpenHaptics::new(options(&library)).open().unwrap_err();
     assert!(error.problem.contains("the default device: error 0x301 device already initiated"), "{error}");
-    assert!(error.mend.contains("openhaptics:NAME"), "{error}");
+    assert!(error.hint.contains("openhaptics:NAME"), "{error}");
     library.take_log();
     let named = OpenHapticsOptions { name: Some("Left".into()), ..options(&library) };
     assert!(OpenHaptics::new(named).open().is_err());
     assert_eq!(library.take_log(), ["init(Left)"]);
     let error = OpenHaptics::new(OpenHapticsOptions::default()).open().unwrap_err();
-    assert!(error.problem.contains("HD") && error.mend.contains("OpenHaptics"), "{error}");
+    assert!(error.problem.contains("HD") && error.hint.contains("OpenHaptics"), "{error}");
 }
 
 #[test]

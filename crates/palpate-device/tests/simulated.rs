@@ -1,14 +1,14 @@
 //! The simulated tool against closed forms.
 
 use glam::DVec3;
-use palpate_device::simulated::{Hand, Intent, Move, Script, Target};
+use palpate_device::simulated::{Hand, HandMotion, Move, Script, Target};
 use palpate_device::{Command, Device, Fault, Figure, Simulated, presets};
 
 /// A hand that wants the same all the time.
 #[derive(Debug)]
 struct Still(Target);
 
-impl Intent for Still {
+impl HandMotion for Still {
     fn target(&self, _: f64) -> Target {
         self.0
     }
@@ -55,7 +55,7 @@ fn a_step_of_force() {
 fn a_free_decay() {
     #[derive(Debug)]
     struct LetGo;
-    impl Intent for LetGo {
+    impl HandMotion for LetGo {
         fn target(&self, t: f64) -> Target {
             let push = if t < 0.0 { 3.0 } else { 0.0 };
             Target { push_n: DVec3::X * push, ..Target::default() }

@@ -8,7 +8,7 @@
 use glam::DVec3;
 use gungraun::{library_benchmark, library_benchmark_group, main};
 use palpate_body::shape::{Resolution, Shape};
-use palpate_body::{Body, BodyParts, NodeMix, Provenance, Response, SlipRule, Tool, tensor};
+use palpate_body::{BlendWeights, Body, BodyParts, Provenance, Response, SlipRule, Tool, tensor};
 use palpate_engine::{Ablation, Contact, Flags, ToolState};
 use std::f64::consts::TAU;
 use std::hint::black_box;
@@ -28,7 +28,7 @@ const RATIO: f64 = 1.9;
 /// Of 0.1 m/s at 1 kHz, m.
 const STRIDE: f64 = 1e-4;
 
-/// The paper's tube, `finer` times as fine in each direction, with the responses of the coarse one's 288 nodes. Sideways
+/// The paper's tube, `finer` times as fine in each direction, with the responses of the coarse one's 288 nodes. Laterally
 /// it is up to `ratio` times as stiff along the axis as around it.
 fn tube(finer: u32, ratio: f64) -> Body {
     let shape = Shape::Cylinder { radius_mm: RADIUS * 1e3, length_mm: LENGTH * 1e3, caps: false };
@@ -56,7 +56,7 @@ fn tube(finer: u32, ratio: f64) -> Body {
     let test_point_nodes = places(AROUND, ALONG, finer).map(|(row, column)| row * AROUND * finer + column);
     Body::new(BodyParts {
         surface,
-        mixes: places(AROUND * finer, ALONG * finer, 1)
+        blends: places(AROUND * finer, ALONG * finer, 1)
             .map(|(row, column)| mix(row, column, finer))
             .collect(),
         responses,
@@ -71,7 +71,7 @@ fn tube(finer: u32, ratio: f64) -> Body {
 }
 
 /// Area coordinates of a node in the coarse triangle that it lies in.
-fn mix(row: u32, column: u32, finer: u32) -> NodeMix {
+fn mix(row: u32, column: u32, finer: u32) -> BlendWeights {
     let node = |row: u32, column: u32| row * AROUND + column % AROUND;
     let (i, j) = ((row / finer).min(ALONG - 1), column / finer);
     let share = |n: u32, cell: u32| f64::from(n - cell * finer) / f64::from(finer);
@@ -83,8 +83,8 @@ fn mix(row: u32, column: u32, finer: u32) -> NodeMix {
         ([near, far, node(i + 1, j)], [1.0 - v, u, v - u])
     };
     match weights.iter().position(|w| *w == 1.0) {
-        Some(own) => NodeMix::own(test_points[own]),
-        None => NodeMix { test_points, weights },
+        Some(own) => BlendWeights::own(test_points[own]),
+        None => BlendWeights { test_points, weights },
     }
 }
 
@@ -137,7 +137,7 @@ fn free(finer: u32) -> Scene {
     warm(tube(finer, 1.0), SlipRule::Paper, &[], (0..STEPS).map(flight).collect())
 }
 
-/// The steps in which a tip comes from 0.5 mm above the surface to 0.5 mm below, at 100 places. (The facets' middles lie
+/// The steps in which a tool comes from 0.5 mm above the surface to 0.5 mm below, at 100 places. (The facets' middles lie
 /// 0.26 mm below the true cylinder.)
 fn onset(finer: u32) -> Scene {
     let body = tube(finer, 1.0);

@@ -1,4 +1,4 @@
-//! What a step may take.
+//! The budget of a step.
 
 /// The evaluations of the force law and the looks at elements that are left to a step.
 ///

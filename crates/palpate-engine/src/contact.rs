@@ -20,19 +20,19 @@
 
 use crate::budget::Budget;
 use crate::coupled::Coupled;
-use crate::decoupled::{Isotropic, Stretch};
+use crate::decoupled::{Anisotropic, Isotropic};
 use crate::drive::{Consistent, Drive, Exact, Paper, Rule};
-use crate::field::{Ablation, Field, Law, Site};
 use crate::flags::Flags;
-use crate::lateral::Lateral;
+use crate::force_law::ForceLaw;
+use crate::kernel::{Ablation, ElementKernel, Evaluation, Setting};
 use crate::output::{ContactPoint, Counters, Ledger, Output, ToolState};
 use crate::sensitivity;
-use crate::slip::{self, End, Pace};
-use crate::walk::{Launch, Rates, launch, walk};
+use crate::slip::{self, ComplianceEstimate, End};
+use crate::walk::{Rates, StartDirection, start_direction, walk};
 use glam::DVec3;
 use palpate_body::{Body, ContactModel, Nearest, SlipRule, SurfacePoint, Touch};
 
-/// Inside the surface by no more than this (m) counts as on it: a segment starting there still catches the surface.
+/// Inside the surface by no more than this (m) counts as on it: a segment starting there still meets the surface.
 const ON_SURFACE: f64 = 1e-9;
 /// How many crossings of the surface are tried after a contact that has ended.
 const CROSSINGS: u32 = 4;
@@ -47,12 +47,12 @@ const CLOSE: f64 = 1e-6;
 ///
 /// Every step must be given the body that the contact was made for, or a patch of it ([`ContactModel::identity`]): on another
 /// there is no force, and the step says so ([`Flags::OTHER_BODY`]). A contact that slips by `consistent` on a body whose
-/// gradients nobody derived counts that ([`Counters::underived`]).
+/// gradients nobody has prepared counts that ([`Counters::without_gradients`]).
 #[derive(Debug, Clone)]
 pub struct Contact {
     /// Of the body it is for.
     body: u64,
-    law: Law,
+    setting: Setting,
     rule: SlipRule,
     state: State,
     guess: Guess,
@@ -64,36 +64,36 @@ pub struct Contact {
     tank: bool,
 }
 
-/// What the last slips tell the next search to try first.
+/// The next slip search's first guess, from the last slips.
 #[derive(Debug, Clone, Copy, Default)]
 struct Guess {
-    pace: Pace,
-    /// What the slip rule last took from f_t, N.
-    taken: DVec3,
+    estimate: ComplianceEstimate,
+    /// f_t less the drive in the last slip, N.
+    last_reaction: DVec3,
 }
 
 /// The life of a contact; see the table at the top of this file.
 #[derive(Debug, Clone, Copy)]
 enum State {
     Unknown,
-    /// Last seen at `tip`; at `asked_at` the surface was at least `clear` (m) away from touch, and `near` not far.
+    /// Last seen at `tool_position`; at `asked_at` the surface was at least `clear` (m) away from touch, and `near` not far.
     Free {
-        tip: DVec3,
+        tool_position: DVec3,
         asked_at: DVec3,
         clear: f64,
         near: u32,
     },
     Hovering {
-        tip: DVec3,
+        tool_position: DVec3,
         near: u32,
     },
     Touching {
         at: SurfacePoint,
-        tip: DVec3,
+        tool_position: DVec3,
     },
     Waiting {
         at: SurfacePoint,
-        tip: DVec3,
+        tool_position: DVec3,
     },
     Inside {
         asked_at: DVec3,
@@ -116,28 +116,30 @@ enum Found {
 }
 
 impl State {
-    /// After a step that ended with the tool at `tip`.
+    /// After a step that ended with the tool at `tool_position`.
     #[inline(always)]
-    fn after(found: Found, tip: DVec3) -> Self {
+    fn after(found: Found, tool_position: DVec3) -> Self {
         match found {
-            Found::Clear { clear, near } => State::Free { tip, asked_at: tip, clear, near },
-            Found::Near { near } => State::Hovering { tip, near },
-            Found::Depth { at } => State::Touching { at, tip },
-            Found::Boundary { at } => State::Waiting { at, tip },
-            Found::Under { clear } => State::Inside { asked_at: tip, clear },
+            Found::Clear { clear, near } => {
+                State::Free { tool_position, asked_at: tool_position, clear, near }
+            }
+            Found::Near { near } => State::Hovering { tool_position, near },
+            Found::Depth { at } => State::Touching { at, tool_position },
+            Found::Boundary { at } => State::Waiting { at, tool_position },
+            Found::Under { clear } => State::Inside { asked_at: tool_position, clear },
         }
     }
 }
 
-/// A step on its way.
+/// A step in progress.
 struct Step<'b> {
     body: &'b ContactModel,
     /// Where the tool was the step before, or touched the surface first.
     from: DVec3,
-    tip: DVec3,
+    tool_position: DVec3,
     flags: Flags,
     budget: Budget,
-    /// Questions to the surface so far.
+    /// Queries of the surface so far.
     queries: u32,
 }
 
@@ -145,27 +147,27 @@ impl Step<'_> {
     /// The law with the contact point elsewhere.
     #[cold]
     #[inline(never)]
-    fn read<L: Lateral>(&mut self, site: &mut Site<L>, at: SurfacePoint) -> Field {
-        site.move_to(at.element);
+    fn read<L: ForceLaw>(&mut self, kernel: &mut ElementKernel<L>, at: SurfacePoint) -> Evaluation {
+        kernel.move_to(at.element);
         self.budget.evaluate();
-        site.evaluate(at.n, self.tip)
+        kernel.evaluate(at.n, self.tool_position)
     }
 
     fn first_touch(&mut self, from: DVec3, radius: f64) -> Option<Touch> {
         self.queries += 1;
-        self.body.first_touch(from, self.tip, radius)
+        self.body.first_touch(from, self.tool_position, radius)
     }
 
     /// Of the tool.
     fn nearest(&mut self) -> Option<Nearest> {
         self.queries += 1;
-        self.body.nearest(self.tip, f64::INFINITY)
+        self.body.nearest(self.tool_position, f64::INFINITY)
     }
 
     /// Of the tool; `near` is an element that may be.
     fn clearance(&mut self, near: u32) -> (f64, u32) {
         self.queries += 1;
-        self.body.clearance(self.tip, near)
+        self.body.clearance(self.tool_position, near)
     }
 }
 
@@ -177,7 +179,7 @@ impl Contact {
         Self::with_ablation(body, Ablation::None)
     }
 
-    /// The same with interpolations taken away, as in the paper's section 5.
+    /// The same with interpolations switched off, as in the paper's section 5.
     pub fn with_ablation(body: &Body, ablation: Ablation) -> Self {
         Self::with_slip(body, body.slip(), ablation)
     }
@@ -190,11 +192,11 @@ impl Contact {
 
     /// A contact on a part of a body, such as a [`Patch`](palpate_body::Patch), which must be prepared for the slip rule.
     pub fn on(model: &ContactModel, rule: SlipRule, ablation: Ablation) -> Self {
-        let law = Law { ablation, radius_m: model.tool().radius_m() };
+        let setting = Setting { ablation, radius_m: model.tool().radius_m() };
         let (energy, counters) = (Ledger::default(), Counters::default());
         Contact {
             body: model.identity(),
-            law,
+            setting,
             rule,
             state: State::Unknown,
             guess: Guess::default(),
@@ -236,12 +238,12 @@ impl Contact {
 
     /// Where the tool was last seen, m: from there the next step looks for a touch. `None` before the first pose, and while
     /// the tool is inside without touching.
-    pub fn last_tip_m(&self) -> Option<[f64; 3]> {
+    pub fn last_position_m(&self) -> Option<[f64; 3]> {
         match self.state {
-            State::Touching { tip, .. }
-            | State::Waiting { tip, .. }
-            | State::Hovering { tip, .. }
-            | State::Free { tip, .. } => Some(tip.to_array()),
+            State::Touching { tool_position, .. }
+            | State::Waiting { tool_position, .. }
+            | State::Hovering { tool_position, .. }
+            | State::Free { tool_position, .. } => Some(tool_position.to_array()),
             State::Inside { .. } | State::Unknown => None,
         }
     }
@@ -281,7 +283,7 @@ impl Contact {
     ///
     /// # Real-time
     /// Bounded ([`Counters::evaluations`]); never allocates, locks, logs, reads a clock or a file, or panics. In free space it
-    /// costs a distance comparison until the tip has used up the clearance that the last query found.
+    /// costs a distance comparison until the tool has used up the clearance that the last query found.
     pub fn step(&mut self, body: &ContactModel, tool: &ToolState, dt_s: f64) -> Output {
         if body.is_coupled() {
             return match self.rule {
@@ -292,21 +294,21 @@ impl Contact {
         }
         match (self.rule, body.is_isotropic()) {
             (SlipRule::Consistent, true) => self.step_as::<Isotropic, Consistent>(body, tool, dt_s),
-            (SlipRule::Consistent, false) => self.step_as::<Stretch, Consistent>(body, tool, dt_s),
+            (SlipRule::Consistent, false) => self.step_as::<Anisotropic, Consistent>(body, tool, dt_s),
             (SlipRule::Exact, true) => self.step_as::<Isotropic, Exact>(body, tool, dt_s),
-            (SlipRule::Exact, false) => self.step_as::<Stretch, Exact>(body, tool, dt_s),
+            (SlipRule::Exact, false) => self.step_as::<Anisotropic, Exact>(body, tool, dt_s),
             (_, true) => self.step_as::<Isotropic, Paper>(body, tool, dt_s),
-            (_, false) => self.step_as::<Stretch, Paper>(body, tool, dt_s),
+            (_, false) => self.step_as::<Anisotropic, Paper>(body, tool, dt_s),
         }
     }
 
     /// Apart from the choice between them, which is a jump.
     #[inline(never)]
-    fn step_as<L: Lateral, R: Rule>(&mut self, body: &ContactModel, tool: &ToolState, dt_s: f64) -> Output {
+    fn step_as<L: ForceLaw, R: Rule>(&mut self, body: &ContactModel, tool: &ToolState, dt_s: f64) -> Output {
         self.counters.steps += 1;
         let mut flags = Flags::default();
         flags.set(Flags::INVALID_TIME, !(0.0..f64::INFINITY).contains(&dt_s));
-        let Some(tip) = tool.accept().filter(|_| body.identity() == self.body) else {
+        let Some(tool_position) = tool.accept().filter(|_| body.identity() == self.body) else {
             flags.set(Flags::INVALID_POSE, tool.accept().is_none());
             flags.set(Flags::OTHER_BODY, body.identity() != self.body);
             flags.set(Flags::IN_CONTACT, self.touching().is_some());
@@ -314,36 +316,41 @@ impl Contact {
             return self.untouched(flags);
         };
         let budget = Budget::new(self.budget);
-        let mut step = Step { body, from: tip, tip, flags, budget, queries: 0 };
+        let mut step = Step { body, from: tool_position, tool_position, flags, budget, queries: 0 };
         let output = self.stages::<L, R>(&mut step);
         self.counters.count(output.flags);
         self.counters.evaluations += u64::from(step.budget.evaluations);
         self.counters.crossings += u64::from(step.budget.crossings);
         self.counters.queries += u64::from(step.queries);
-        self.counters.underived += u64::from(output.flags.has(Flags::IN_CONTACT) && !R::is_ready(body));
+        self.counters.without_gradients +=
+            u64::from(output.flags.has(Flags::IN_CONTACT) && !R::is_ready(body));
         output
     }
 
     #[inline(always)]
-    fn stages<L: Lateral, R: Rule>(&mut self, step: &mut Step) -> Output {
+    fn stages<L: ForceLaw, R: Rule>(&mut self, step: &mut Step) -> Output {
         let (mut at, new) = match self.state {
-            State::Touching { at, tip } | State::Waiting { at, tip } => {
-                step.from = tip;
+            State::Touching { at, tool_position } | State::Waiting { at, tool_position } => {
+                step.from = tool_position;
                 (at, None)
             }
-            State::Free { asked_at, clear, near, .. } if step.tip.distance(asked_at) < clear => {
-                self.state = State::Free { tip: step.tip, asked_at, clear, near };
+            State::Free { asked_at, clear, near, .. } if step.tool_position.distance(asked_at) < clear => {
+                self.state = State::Free { tool_position: step.tool_position, asked_at, clear, near };
                 return self.untouched(step.flags);
             }
-            State::Free { tip, near, .. } => match self.onset::<L, R>(step, tip, near, false) {
-                Some(at) => (at, Some(self.guess)),
-                None => return self.untouched(step.flags),
-            },
-            State::Hovering { tip, near } => match self.onset::<L, R>(step, tip, near, true) {
-                Some(at) => (at, Some(self.guess)),
-                None => return self.untouched(step.flags),
-            },
-            State::Inside { asked_at, clear } if step.tip.distance(asked_at) < clear => {
+            State::Free { tool_position, near, .. } => {
+                match self.onset::<L, R>(step, tool_position, near, false) {
+                    Some(at) => (at, Some(self.guess)),
+                    None => return self.untouched(step.flags),
+                }
+            }
+            State::Hovering { tool_position, near } => {
+                match self.onset::<L, R>(step, tool_position, near, true) {
+                    Some(at) => (at, Some(self.guess)),
+                    None => return self.untouched(step.flags),
+                }
+            }
+            State::Inside { asked_at, clear } if step.tool_position.distance(asked_at) < clear => {
                 step.flags.set(Flags::STARTED_INSIDE, true);
                 return self.untouched(step.flags);
             }
@@ -355,18 +362,19 @@ impl Contact {
         };
         let waiting = matches!(self.state, State::Waiting { .. });
         let before = (waiting || new.is_some()).then_some((at, self.energy));
-        let mut site = Site::<L>::new(step.body, self.law, at.element);
-        let mut field = self.stick(&mut site, at, step.tip);
-        let (mut end, mut drive) = self.slip::<L, R>(&mut site, &mut at, &mut field, step);
-        if let Some(from) = before.filter(|_| waiting && end != End::Fenced && end != End::Border) {
-            (end, drive) = self.catch_up::<L, R>(from, &mut site, &mut at, &mut field, (end, drive), step);
+        let mut kernel = ElementKernel::<L>::new(step.body, self.setting, at.element);
+        let mut evaluation = self.stick(&mut kernel, at, step.tool_position);
+        let (mut end, mut drive) = self.slip::<L, R>(&mut kernel, &mut at, &mut evaluation, step);
+        if let Some(from) = before.filter(|_| waiting && end != End::PatchBoundary && end != End::Border) {
+            (end, drive) =
+                self.catch_up::<L, R>(from, &mut kernel, &mut at, &mut evaluation, (end, drive), step);
         }
-        if field.depth > 0.0 && end != End::Border {
+        if evaluation.depth > 0.0 && end != End::Border {
             step.flags.set(Flags::ONSET, new.is_some());
-            return self.answer(at, &field, end, &drive, step);
+            return self.answer(at, &evaluation, end, &drive, step);
         }
         let new = new.zip(before).map(|(guess, (_, energy))| (energy, guess));
-        self.leave::<L, R>(step, at, &field, end, new)
+        self.leave::<L, R>(step, at, &evaluation, end, new)
     }
 
     /// The Lipschitz bound of the force at the present contact, N/m: how far one step's |ΔF| may exceed nothing but
@@ -376,8 +384,8 @@ impl Contact {
     /// Not part of the step: a measuring instrument.
     pub fn lipschitz_n_per_m(&self, body: &ContactModel) -> Option<f64> {
         match self.state {
-            State::Touching { at, tip } | State::Waiting { at, tip } => {
-                sensitivity::lipschitz(body, self.law, self.rule, at, tip)
+            State::Touching { at, tool_position } | State::Waiting { at, tool_position } => {
+                sensitivity::lipschitz(body, self.setting, self.rule, at, tool_position)
             }
             _ => None,
         }
@@ -385,21 +393,21 @@ impl Contact {
 
     /// Stage 1 of a tool that did not touch: the contact point of the first touch on its way, if there is one.
     #[inline(never)]
-    fn onset<L: Lateral, R: Rule>(
+    fn onset<L: ForceLaw, R: Rule>(
         &mut self,
         step: &mut Step,
         from: DVec3,
         near: u32,
         hovering: bool,
     ) -> Option<SurfacePoint> {
-        let (tip, radius) = (step.tip, self.law.radius_m);
+        let (tool_position, radius) = (step.tool_position, self.setting.radius_m);
         if let Some(touch) = step.first_touch(from, radius) {
-            step.from = from + (tip - from) * touch.fraction;
+            step.from = from + (tool_position - from) * touch.fraction;
             return Some(self.settle::<L, R>(step, touch.at));
         }
         if !hovering {
             let (clear, near) = step.clearance(near);
-            self.state = State::after(Found::Clear { clear: self.clear(clear), near }, tip);
+            self.state = State::after(Found::Clear { clear: self.clear(clear), near }, tool_position);
             return None;
         }
         step.from = from;
@@ -410,46 +418,46 @@ impl Contact {
     /// How far from touch a tool is whose distance from the surface is at least this.
     fn clear(&self, distance: f64) -> f64 {
         // A little less: rounding must not skip a touch.
-        (distance - self.law.radius_m) * (1.0 - 1e-9) - ON_SURFACE
+        (distance - self.setting.radius_m) * (1.0 - 1e-9) - ON_SURFACE
     }
 
-    /// Finds out on which side of the surface a tip is that did not come from outside. True if it is inside.
+    /// Finds out on which side of the surface a tool is that did not come from outside. True if it is inside.
     #[cold]
     #[inline(never)]
-    fn look_around<L: Lateral, R: Rule>(&mut self, step: &mut Step) -> bool {
+    fn look_around<L: ForceLaw, R: Rule>(&mut self, step: &mut Step) -> bool {
         let Some(nearest) = step.nearest() else { return false };
         if self.is_clear(step, &nearest) {
             return false;
         }
         let near = nearest.at.element;
-        let (mut site, mut at) = (Site::<L>::new(step.body, self.law, near), nearest.at);
+        let (mut kernel, mut at) = (ElementKernel::<L>::new(step.body, self.setting, near), nearest.at);
         step.budget.evaluate();
-        let mut field = site.evaluate(at.n, step.tip);
+        let mut evaluation = kernel.evaluate(at.n, step.tool_position);
         let (kept, flags) = (self.kept(), step.flags);
-        let (end, _) = self.slip::<L, R>(&mut site, &mut at, &mut field, step);
+        let (end, _) = self.slip::<L, R>(&mut kernel, &mut at, &mut evaluation, step);
         self.restore(kept);
         step.flags = flags;
-        let inside = field.depth > 0.0 || end == End::Border;
-        // Inside stays inside until the tip has been as far as the surface.
-        let clear = (self.law.radius_m - signed(&nearest)).abs();
+        let inside = evaluation.depth > 0.0 || end == End::Border;
+        // Inside stays inside until the tool has been as far as the surface.
+        let clear = (self.setting.radius_m - signed(&nearest)).abs();
         let found = if inside { Found::Under { clear } } else { Found::Near { near } };
-        self.state = State::after(found, step.tip);
+        self.state = State::after(found, step.tool_position);
         inside
     }
 
     /// Whether the tool is outside and nothing is within its reach, as its nearest surface point tells: it is free then.
     fn is_clear(&mut self, step: &Step, nearest: &Nearest) -> bool {
         let near = nearest.at.element;
-        if signed(nearest) - self.law.radius_m < -ON_SURFACE {
+        if signed(nearest) - self.setting.radius_m < -ON_SURFACE {
             return false;
         }
         let clear = self.clear(nearest.distance);
-        self.state = State::after(Found::Clear { clear, near }, step.tip);
-        if let State::Free { tip, .. } = &mut self.state
+        self.state = State::after(Found::Clear { clear, near }, step.tool_position);
+        if let State::Free { tool_position, .. } = &mut self.state
             && !nearest.outside
         {
             // On the surface up to rounding: from a hair above it, so that the next segment crosses it whole.
-            *tip += step.body.outward(near) * (2.0 * ON_SURFACE);
+            *tool_position += step.body.outward(near) * (2.0 * ON_SURFACE);
         }
         true
     }
@@ -457,66 +465,85 @@ impl Contact {
     /// A sphere's first touch is where the nearest point is at its radius, but the frame there is the interpolated
     /// one: the contact point slips to the friction limit, nearly 0 there, before anything counts. Where the frames
     /// lead it farther away than the tool reaches, it stays.
-    fn settle<L: Lateral, R: Rule>(&self, step: &mut Step, at: SurfacePoint) -> SurfacePoint {
-        if self.law.radius_m == 0.0 {
+    fn settle<L: ForceLaw, R: Rule>(&self, step: &mut Step, at: SurfacePoint) -> SurfacePoint {
+        if self.setting.radius_m == 0.0 {
             return at;
         }
-        let mut site = Site::<L>::new(step.body, self.law, at.element);
+        let mut kernel = ElementKernel::<L>::new(step.body, self.setting, at.element);
         step.budget.evaluate();
-        let (mut settled, mut field) = (at, site.evaluate(at.n, step.from));
-        let (start, tip, budget, mut pace) = (field.c, step.from, &mut step.budget, Pace::default());
-        let drive = R::drive(&mut site, settled.n, &field);
-        let (end, _) = slip::slip::<L, R>(&mut site, &mut settled, &mut field, drive, tip, &mut pace, budget);
-        if end == End::Settled && field.c.distance(start) <= self.law.radius_m { settled } else { at }
+        let (mut settled, mut evaluation) = (at, kernel.evaluate(at.n, step.from));
+        let (start, tool_position, budget, mut estimate) =
+            (evaluation.c, step.from, &mut step.budget, ComplianceEstimate::default());
+        let drive = R::drive(&mut kernel, settled.n, &evaluation);
+        let (end, _) = slip::slip::<L, R>(
+            &mut kernel,
+            &mut settled,
+            &mut evaluation,
+            drive,
+            tool_position,
+            &mut estimate,
+            budget,
+        );
+        if end == End::Settled && evaluation.c.distance(start) <= self.setting.radius_m {
+            settled
+        } else {
+            at
+        }
     }
 
     /// Stage 2: the tool moves with the contact point held.
     #[inline(always)]
-    fn stick<L: Lateral>(&mut self, site: &mut Site<L>, at: SurfacePoint, tip: DVec3) -> Field {
-        let field = site.evaluate(at.n, tip);
-        self.energy.stick(field.energy);
-        field
+    fn stick<L: ForceLaw>(
+        &mut self,
+        kernel: &mut ElementKernel<L>,
+        at: SurfacePoint,
+        tool_position: DVec3,
+    ) -> Evaluation {
+        let evaluation = kernel.evaluate(at.n, tool_position);
+        self.energy.stick(evaluation.energy);
+        evaluation
     }
 
     /// Stage 3: the contact point moves with the tool held, until the lateral force is within the friction limit. Returns
     /// how that ended, and the drive there.
     #[inline(always)]
-    fn slip<L: Lateral, R: Rule>(
+    fn slip<L: ForceLaw, R: Rule>(
         &mut self,
-        site: &mut Site<L>,
+        kernel: &mut ElementKernel<L>,
         at: &mut SurfacePoint,
-        field: &mut Field,
+        evaluation: &mut Evaluation,
         step: &mut Step,
     ) -> (End, Drive) {
-        let drive = R::first(site, at.n, field, self.guess.taken);
-        if slip::within(&drive, field) {
+        let drive = R::first(kernel, at.n, evaluation, self.guess.last_reaction);
+        if slip::within(&drive, evaluation) {
             return (End::Settled, drive);
         }
-        self.slide::<L, R>(site, at, field, drive, step)
+        self.slide::<L, R>(kernel, at, evaluation, drive, step)
     }
 
     /// Stage 3 where the drive is beyond the limit.
     #[inline]
-    fn slide<L: Lateral, R: Rule>(
+    fn slide<L: ForceLaw, R: Rule>(
         &mut self,
-        site: &mut Site<L>,
+        kernel: &mut ElementKernel<L>,
         at: &mut SurfacePoint,
-        field: &mut Field,
+        evaluation: &mut Evaluation,
         drive: Drive,
         step: &mut Step,
     ) -> (End, Drive) {
         let start = *at;
-        let (pace, budget) = (&mut self.guess.pace, &mut step.budget);
-        let (end, drive) = slip::slip::<L, R>(site, at, field, drive, step.tip, pace, budget);
+        let (estimate, budget) = (&mut self.guess.estimate, &mut step.budget);
+        let (end, drive) =
+            slip::slip::<L, R>(kernel, at, evaluation, drive, step.tool_position, estimate, budget);
         if !R::LATERAL {
-            self.guess.taken = field.u_t * field.pull - drive.along * drive.force;
+            self.guess.last_reaction = evaluation.u_t * evaluation.lateral_force - drive.along * drive.force;
         }
-        let (end, drive) = if self.tank && field.energy > self.allowed() && end != End::Border {
-            (End::HeldBack, self.hold_back::<L, R>(site, start, at, field, step))
+        let (end, drive) = if self.tank && evaluation.energy > self.allowed() && end != End::Border {
+            (End::HeldBack, self.hold_back::<L, R>(kernel, start, at, evaluation, step))
         } else {
             (end, drive)
         };
-        self.energy.slip(field.energy);
+        self.energy.slip(evaluation.energy);
         step.flags.set(Flags::SLIPPING, *at != start);
         (end, drive)
     }
@@ -531,22 +558,22 @@ impl Contact {
     /// surface towards `at`, to the root of what W exceeds it by. Returns the drive there.
     #[cold]
     #[inline(never)]
-    fn hold_back<L: Lateral, R: Rule>(
+    fn hold_back<L: ForceLaw, R: Rule>(
         &self,
-        site: &mut Site<L>,
+        kernel: &mut ElementKernel<L>,
         start: SurfacePoint,
         at: &mut SurfacePoint,
-        field: &mut Field,
+        evaluation: &mut Evaluation,
         step: &mut Step,
     ) -> Drive {
         let (body, allowed) = (step.body, self.allowed());
-        let way = field.c - body.point(start);
+        let way = evaluation.c - body.point(start);
         let v = way.normalize_or_zero();
         // How far W is allowed for sure, by how much it stays below there, and where it is too much.
         let (mut low, mut below) = ((0.0, start), allowed - self.energy.stored_j);
-        let (mut high, mut above) = (way.length(), field.energy - allowed);
-        let from = match launch(body, start, |_| if step.budget.cross() { v } else { DVec3::ZERO }) {
-            Launch::Along(there) => Some(there),
+        let (mut high, mut above) = (way.length(), evaluation.energy - allowed);
+        let from = match start_direction(body, start, |_| if step.budget.cross() { v } else { DVec3::ZERO }) {
+            StartDirection::Along(there) => Some(there),
             _ => None,
         };
         for _ in 0..HOLDS {
@@ -555,8 +582,8 @@ impl Contact {
             let far = low.0 + (high - low.0) * (below / (below + above));
             let rates = Rates::new(body.corners(from.element), v);
             let there = walk(body, from, v, far, rates, &mut step.budget).0;
-            *field = step.read(site, there);
-            let left = allowed - field.energy;
+            *evaluation = step.read(kernel, there);
+            let left = allowed - evaluation.energy;
             if left >= 0.0 {
                 (low, below, above) = ((far, there), left, 0.5 * above);
                 if left <= CLOSE * self.energy.stored_j.abs() {
@@ -567,61 +594,62 @@ impl Contact {
             }
         }
         *at = low.1;
-        *field = step.read(site, *at);
-        R::drive(site, at.n, field)
+        *evaluation = step.read(kernel, *at);
+        R::drive(kernel, at.n, evaluation)
     }
 
     /// After a wait at a patch's boundary: the contact point runs after the tool by no more than [`CATCH_UP`] times as far
     /// as the tool moves, so that the force does not jump by what it fell behind. `from` is where it was, and the ledger then.
     #[cold]
     #[inline(never)]
-    fn catch_up<L: Lateral, R: Rule>(
+    fn catch_up<L: ForceLaw, R: Rule>(
         &mut self,
         (held, before): (SurfacePoint, Ledger),
-        site: &mut Site<L>,
+        kernel: &mut ElementKernel<L>,
         at: &mut SurfacePoint,
-        field: &mut Field,
+        evaluation: &mut Evaluation,
         slipped: (End, Drive),
         step: &mut Step,
     ) -> (End, Drive) {
         let body = step.body;
-        let (way, most) = (field.c - body.point(held), CATCH_UP * step.tip.distance(step.from));
+        let (way, most) =
+            (evaluation.c - body.point(held), CATCH_UP * step.tool_position.distance(step.from));
         let v = way.normalize_or_zero();
         if way.length() <= most {
             return slipped;
         }
-        *at = match launch(body, held, |_| v) {
-            Launch::Along(there) => {
+        *at = match start_direction(body, held, |_| v) {
+            StartDirection::Along(there) => {
                 let rates = Rates::new(body.corners(there.element), v);
                 walk(body, there, v, most, rates, &mut step.budget).0
             }
             _ => held,
         };
         self.energy = before;
-        self.energy.stick(step.read(site, held).energy);
-        *field = step.read(site, *at);
-        let drive = if self.tank && field.energy > self.allowed() {
-            self.hold_back::<L, R>(site, held, at, field, step)
+        self.energy.stick(step.read(kernel, held).energy);
+        *evaluation = step.read(kernel, *at);
+        let drive = if self.tank && evaluation.energy > self.allowed() {
+            self.hold_back::<L, R>(kernel, held, at, evaluation, step)
         } else {
-            R::drive(site, at.n, field)
+            R::drive(kernel, at.n, evaluation)
         };
-        self.energy.slip(field.energy);
-        (End::Fenced, drive)
+        self.energy.slip(evaluation.energy);
+        (End::PatchBoundary, drive)
     }
 
     /// Stage 4: no depth, or over the border. The contact has ended; or, if it is `new` in this step, it comes to nothing
     /// and what was before it is put back. What else lies on the way, or is within reach at its end, is tried.
     #[cold]
     #[inline(never)]
-    fn leave<L: Lateral, R: Rule>(
+    fn leave<L: ForceLaw, R: Rule>(
         &mut self,
         step: &mut Step,
         at: SurfacePoint,
-        field: &Field,
+        evaluation: &Evaluation,
         end: End,
         new: Option<(Ledger, Guess)>,
     ) -> Output {
-        let (body, tip) = (step.body, step.tip);
+        let (body, tool_position) = (step.body, step.tool_position);
         match new {
             Some(kept) => {
                 self.restore(kept);
@@ -641,9 +669,9 @@ impl Contact {
         let Some(nearest) = step.nearest() else { return self.untouched(step.flags) };
         // From the surface's outer side at the contact point to the tool: what is entered on the way, of what may be near
         // enough.
-        let mut start = self.resting(body, at, field);
+        let mut start = self.resting(body, at, evaluation);
         for _ in 0..CROSSINGS {
-            if nearest.outside && nearest.distance > tip.distance(start) {
+            if nearest.outside && nearest.distance > tool_position.distance(start) {
                 break;
             }
             let Some(touch) = step.first_touch(start, 0.0) else { break };
@@ -658,43 +686,43 @@ impl Contact {
         if let Ok(output) = self.try_at::<L, R>(step, nearest.at) {
             return output;
         }
-        self.state = State::after(Found::Near { near: nearest.at.element }, tip);
+        self.state = State::after(Found::Near { near: nearest.at.element }, tool_position);
         self.untouched(step.flags)
     }
 
     /// A contact at this place, if it has depth there. Else everything stays as it was, and the tool would have come to
     /// rest where it says.
-    fn try_at<L: Lateral, R: Rule>(
+    fn try_at<L: ForceLaw, R: Rule>(
         &mut self,
         step: &mut Step,
         mut at: SurfacePoint,
     ) -> Result<Output, DVec3> {
         let (kept, flags) = (self.kept(), step.flags);
-        let mut site = Site::<L>::new(step.body, self.law, at.element);
+        let mut kernel = ElementKernel::<L>::new(step.body, self.setting, at.element);
         step.budget.evaluate();
-        let mut field = site.evaluate(at.n, step.tip);
-        let from_outside = (step.from - field.c).dot(field.u()) + self.law.radius_m <= 0.0;
+        let mut evaluation = kernel.evaluate(at.n, step.tool_position);
+        let from_outside = (step.from - evaluation.c).dot(evaluation.u()) + self.setting.radius_m <= 0.0;
         if from_outside {
-            self.energy.stick(field.energy);
+            self.energy.stick(evaluation.energy);
         } else {
             // The tool was this deep before: no work leads here, and the ledger says that the energy was generated.
-            self.energy.slip(field.energy);
+            self.energy.slip(evaluation.energy);
         }
-        let (end, drive) = self.slip::<L, R>(&mut site, &mut at, &mut field, step);
-        if field.depth > 0.0 && end != End::Border {
+        let (end, drive) = self.slip::<L, R>(&mut kernel, &mut at, &mut evaluation, step);
+        if evaluation.depth > 0.0 && end != End::Border {
             let released = flags.has(Flags::RELEASED);
             step.flags.set(Flags::REANCHORED, released || !from_outside);
             step.flags.set(Flags::ONSET, !released);
-            return Ok(self.answer(at, &field, end, &drive, step));
+            return Ok(self.answer(at, &evaluation, end, &drive, step));
         }
         self.restore(kept);
         step.flags = flags;
-        Err(self.resting(step.body, at, &field))
+        Err(self.resting(step.body, at, &evaluation))
     }
 
     /// The tool's place where it just touches the contact point, a hair above.
-    fn resting(&self, body: &ContactModel, at: SurfacePoint, field: &Field) -> DVec3 {
-        field.c - field.u() * self.law.radius_m + body.outward(at.element) * (2.0 * ON_SURFACE)
+    fn resting(&self, body: &ContactModel, at: SurfacePoint, evaluation: &Evaluation) -> DVec3 {
+        evaluation.c - evaluation.u() * self.setting.radius_m + body.outward(at.element) * (2.0 * ON_SURFACE)
     }
 
     fn kept(&self) -> (Ledger, Guess) {
@@ -710,32 +738,36 @@ impl Contact {
     fn answer(
         &mut self,
         at: SurfacePoint,
-        field: &Field,
+        evaluation: &Evaluation,
         end: End,
         drive: &Drive,
         step: &mut Step,
     ) -> Output {
-        let found = if end == End::Fenced { Found::Boundary { at } } else { Found::Depth { at } };
-        self.state = State::after(found, step.tip);
+        let found = if end == End::PatchBoundary { Found::Boundary { at } } else { Found::Depth { at } };
+        self.state = State::after(found, step.tool_position);
         let flags = &mut step.flags;
         flags.set(Flags::IN_CONTACT, true);
         flags.set(Flags::BLOCKED, end == End::Blocked);
         flags.set(Flags::CAPPED, end == End::Capped);
-        flags.set(Flags::FENCED, end == End::Fenced);
+        flags.set(Flags::PATCH_BOUNDARY, end == End::PatchBoundary);
         flags.set(Flags::HELD_BACK, end == End::HeldBack);
-        let cut = if matches!(end, End::Capped | End::Fenced) { cut(field, end, drive) } else { DVec3::ZERO };
-        let mut force = cut - field.force();
+        let cut = if matches!(end, End::Capped | End::PatchBoundary) {
+            cut(evaluation, end, drive)
+        } else {
+            DVec3::ZERO
+        };
+        let mut force = cut - evaluation.force();
         if !force.is_finite() {
-            // The output choke point: nothing that is not a number leaves.
+            // The output check: no NaN or infinity leaves.
             flags.set(Flags::CONTAINED, true);
             force = DVec3::ZERO;
         }
         let contact = ContactPoint {
             element: at.element,
             n: at.n,
-            position_m: field.c.to_array(),
-            delta_z_m: field.depth,
-            delta_r_m: field.lateral,
+            position_m: evaluation.c.to_array(),
+            delta_z_m: evaluation.depth,
+            delta_r_m: evaluation.lateral,
         };
         Output {
             force_n: force.to_array(),
@@ -763,14 +795,14 @@ fn signed(nearest: &Nearest) -> f64 {
 /// also cut to what a surface at 45° would give.
 #[cold]
 #[inline(never)]
-fn cut(field: &Field, end: End, drive: &Drive) -> DVec3 {
-    let cut = drive.along * (drive.force - field.limit).max(0.0);
-    if end != End::Fenced {
+fn cut(evaluation: &Evaluation, end: End, drive: &Drive) -> DVec3 {
+    let cut = drive.along * (drive.force - evaluation.limit).max(0.0);
+    if end != End::PatchBoundary {
         return cut;
     }
-    let (u, pull) = (field.u(), field.u_t * field.pull);
-    let lateral = pull - (cut - u * cut.dot(u));
-    pull - lateral * ((field.limit + field.normal) / lateral.length()).min(1.0)
+    let (u, lateral_force) = (evaluation.u(), evaluation.u_t * evaluation.lateral_force);
+    let lateral = lateral_force - (cut - u * cut.dot(u));
+    lateral_force - lateral * ((evaluation.limit + evaluation.normal) / lateral.length()).min(1.0)
 }
 
 #[cfg(test)]
@@ -805,11 +837,11 @@ mod tests {
                 });
                 assert!((a.0 - b.0).length() < 4e-4, "{rule:?} {k}: {} {}", a.0, b.0);
                 cut_short += u32::from(a.1);
-                let field = short.touching().map(|at| {
-                    let mut site = Site::<Isotropic>::new(&body, short.law, at.element);
-                    site.evaluate(at.n, DVec3::from_array(pose.position_m))
+                let evaluation = short.touching().map(|at| {
+                    let mut kernel = ElementKernel::<Isotropic>::new(&body, short.setting, at.element);
+                    kernel.evaluate(at.n, DVec3::from_array(pose.position_m))
                 });
-                differ = differ.max(field.map_or(0.0, |f| f.pull - f.limit));
+                differ = differ.max(evaluation.map_or(0.0, |f| f.lateral_force - f.limit));
             }
             assert!(cut_short > 20, "{rule:?}: {cut_short}");
             // Cut to the limit, f_t itself would have been far off.

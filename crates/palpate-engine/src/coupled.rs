@@ -1,22 +1,22 @@
 //! The coupled law: one potential W(δz, δ_t) a test point (LAW 2).
 //!
-//! W = Σ w_j W_j(δz, ξ_j), ξ_j the one deflection δ_t in the tangents of test point j; the weights are the nodes' mixes,
-//! mixed once more by the area coordinates. So f_z = Σ w_j ∂W_j/∂δz and p = Σ w_j ∂W_j/∂δ_t, in the body's frame, need no
+//! W = Σ w_j W_j(δz, ξ_j), ξ_j the one deflection δ_t in the tangents of test point j; the weights are the nodes' blends,
+//! blended once more by the area coordinates. So f_z = Σ w_j ∂W_j/∂δz and p = Σ w_j ∂W_j/∂δ_t, in the body's frame, need no
 //! transport from one test point to another.
 
 use crate::drive::Drive;
-use crate::field::{Change, Deflection, Drift, Field, Reading};
-use crate::lateral::{Lateral, Mix, NO_DIRECTION};
+use crate::force_law::{Blend, ForceLaw, NO_DIRECTION};
+use crate::kernel::{Change, Deflection, Drift, Evaluation, Reading};
 use glam::{DMat3, DVec3};
 use palpate_body::law::{QUANTITIES, Reach, at_depth, coupled};
 use palpate_body::{
-    ContactModel, CoupledEnergies, Dual, Gradients, Interval, Known, Node, PointEnergies, PotentialAt,
+    ContactModel, CoupledEnergies, Dual, EnergyCache, Gradients, Interval, Node, PointEnergies, PotentialAt,
 };
 
-/// The potentials that an element mixes, in the interval of δz of the moment; those of its [`Mix::points`] unless it mixes widely.
+/// The potentials that an element blends, in the current interval of δz; those of its [`Blend::points`] unless it blends widely.
 #[derive(Clone, Copy)]
 pub(crate) struct PointsOfElement<'a> {
-    mix: Mix,
+    blend: Blend,
     interval: Interval,
     potentials: [PotentialAt<'a>; 3],
 }
@@ -28,12 +28,12 @@ impl<'a> PointsOfElement<'a> {
         if !self.interval.holds(depth) {
             self.interval = model.responses().depth_knots().interval(depth);
             let index = self.interval.index;
-            self.potentials = self.mix.points(nodes).map(|point| model.potentials().at(point, index));
+            self.potentials = self.blend.points(nodes).map(|point| model.potentials().at(point, index));
         }
     }
 
-    /// Shows every test point that is mixed, with its weights where the area coordinates are each of `n`; and which of the
-    /// [`Mix::points`] it is, or in a wide mix which node's.
+    /// Shows every test point that is blended, with its weights where the area coordinates are each of `n`; and which of the
+    /// [`Blend::points`] it is, or in a wide blend which node's.
     #[inline(always)]
     fn each<const N: usize>(
         &self,
@@ -42,17 +42,17 @@ impl<'a> PointsOfElement<'a> {
         n: [[f64; 3]; N],
         mut visit: impl FnMut(&PotentialAt<'a>, [f64; N], usize),
     ) {
-        if self.mix == Mix::Wide {
+        if self.blend == Blend::Wide {
             for (l, node) in nodes.into_iter().enumerate() {
-                let mixed = node.test_points.into_iter().zip(node.weights).filter(|(_, w)| *w != 0.0);
-                for (point, w) in mixed {
+                let blended = node.test_points.into_iter().zip(node.weights).filter(|(_, w)| *w != 0.0);
+                for (point, w) in blended {
                     let potential = model.potentials().at(point, self.interval.index);
                     visit(&potential, n.map(|n| n.get(l).copied().unwrap_or(0.0) * w), l);
                 }
             }
             return;
         }
-        let ([a, b, c], weights) = (self.potentials, n.map(|n| self.mix.weights(nodes, n)));
+        let ([a, b, c], weights) = (self.potentials, n.map(|n| self.blend.weights(nodes, n)));
         visit(&a, weights.map(|w| w[0]), 0);
         visit(&b, weights.map(|w| w[1]), 1);
         visit(&c, weights.map(|w| w[2]), 2);
@@ -68,11 +68,11 @@ pub(crate) struct Coupled {
     reach: Reach<f64>,
     /// p = ∂W/∂δ_t, N, in the body's frame.
     gradient: DVec3,
-    /// Energies of the potentials that the element mixes, J.
+    /// Energies of the potentials that the element blends, J.
     energies: [f64; 3],
 }
 
-impl Lateral for Coupled {
+impl ForceLaw for Coupled {
     const ISOTROPIC: bool = false;
     const COUPLED: bool = true;
     type Element<'a> = PointsOfElement<'a>;
@@ -81,19 +81,19 @@ impl Lateral for Coupled {
     #[inline]
     fn element<'a>(model: &'a ContactModel, _: u32, nodes: [&'a Node; 3]) -> Self::Element<'a> {
         let nothing = model.potentials().at(u32::MAX, 0);
-        PointsOfElement { mix: Mix::of(nodes), interval: Interval::NONE, potentials: [nothing; 3] }
+        PointsOfElement { blend: Blend::of(nodes), interval: Interval::NONE, potentials: [nothing; 3] }
     }
 
     #[inline]
-    fn go_over<'a>(
+    fn change_element<'a>(
         points: &mut Self::Element<'a>,
         _: &'a ContactModel,
         _: u32,
         [before, nodes]: [[&'a Node; 3]; 2],
     ) {
-        let (was, mix) = (points.mix, Mix::of(nodes));
-        points.mix = mix;
-        if was != Mix::Shared || mix != Mix::Shared || was.points(before) != mix.points(nodes) {
+        let (was, blend) = (points.blend, Blend::of(nodes));
+        points.blend = blend;
+        if was != Blend::Shared || blend != Blend::Shared || was.points(before) != blend.points(nodes) {
             points.interval = Interval::NONE;
         }
     }
@@ -128,30 +128,30 @@ impl Lateral for Coupled {
         });
         left.gradient += at.tangential * radial;
         let f_t = at.project(left.gradient);
-        let pull = f_t.length();
-        let u_t = if pull > 0.0 { f_t * (1.0 / pull) } else { DVec3::ZERO };
+        let lateral_force = f_t.length();
+        let u_t = if lateral_force > 0.0 { f_t * (1.0 / lateral_force) } else { DVec3::ZERO };
         // Where the body is dragged away from under the tool f_z can fall below zero: nothing is held then.
         let limit = friction * normal.max(0.0);
-        (left, Reading { u_t, normal, pull, pull_slope: slope, limit, energy })
+        (left, Reading { u_t, normal, lateral_force, lateral_slope: slope, limit, energy })
     }
 
     #[inline(always)]
-    fn rho(&self, f: &Field) -> f64 {
+    fn rho(&self, f: &Evaluation) -> f64 {
         f.lateral
     }
 
     #[inline(always)]
-    fn deflection(&self, _: &Field) -> DVec3 {
+    fn deflection(&self, _: &Evaluation) -> DVec3 {
         self.deflection
     }
 
     #[inline(always)]
-    fn along_deflection(&self, _: &Field, v: DVec3) -> f64 {
+    fn along_deflection(&self, _: &Evaluation, v: DVec3) -> f64 {
         self.deflection.dot(v)
     }
 
     #[inline(always)]
-    fn beside(&self, _: &Self::Element<'_>, _: [f64; 3], f: &Field) -> f64 {
+    fn normal_coupling(&self, _: &Self::Element<'_>, _: [f64; 3], f: &Evaluation) -> f64 {
         f.u().dot(self.gradient)
     }
 
@@ -161,9 +161,9 @@ impl Lateral for Coupled {
         points: &Self::Element<'_>,
         model: &ContactModel,
         nodes: [&Node; 3],
-        f: &Field,
+        f: &Evaluation,
     ) -> [f64; 3] {
-        if points.mix == Mix::Own {
+        if points.blend == Blend::Own {
             return self.energies;
         }
         let energies = self.energies(points, model, nodes, f);
@@ -180,16 +180,16 @@ impl Lateral for Coupled {
         points: &Self::Element<'a>,
         model: &'a ContactModel,
         nodes: [&Node; 3],
-        f: &Field,
+        f: &Evaluation,
     ) -> CoupledEnergies<'a> {
-        let known = Known { points: points.mix.points(nodes), energies: self.energies };
+        let known = EnergyCache { points: points.blend.points(nodes), energies: self.energies };
         CoupledEnergies {
             potentials: model.potentials(),
             depth: (points.interval.index, points.interval.distance(f.depth)),
             tangential: self.deflection,
             reach: self.reach,
-            // A wide mix leaves only the last of each node's.
-            known: if points.mix == Mix::Wide { Known::NONE } else { known },
+            // A wide blend leaves only the last of each node's.
+            cache: if points.blend == Blend::Wide { EnergyCache::NONE } else { known },
         }
     }
 
@@ -199,7 +199,7 @@ impl Lateral for Coupled {
         points: &Self::Element<'_>,
         gradients: &Gradients,
         nodes: [u32; 3],
-        f: &Field,
+        f: &Evaluation,
     ) -> f64 {
         let bounds = nodes.map(|node| gradients.coupled_bound(node, points.interval.index));
         let [a, b, c] = bounds.map(|bound| bound.at(f.lateral, &self.reach));
@@ -207,7 +207,7 @@ impl Lateral for Coupled {
     }
 
     #[inline(always)]
-    fn tensor_gradient(&self, _: &Field) -> Option<(DVec3, f64)> {
+    fn tensor_gradient(&self, _: &Evaluation) -> Option<(DVec3, f64)> {
         None
     }
 
@@ -216,13 +216,13 @@ impl Lateral for Coupled {
         points: &mut Self::Element<'a>,
         model: &'a ContactModel,
         nodes: [&'a Node; 3],
-        f: &Field,
+        f: &Evaluation,
         change: &Change,
     ) -> Drift {
         let Change { u, du, d_depth, d_tangential, v, .. } = *change;
         points.look_up(model, nodes, f.depth);
         let (t, deflection) = (points.interval.distance(f.depth), self.deflection);
-        // Derivatives by δz and by the three directions of space; and the change of what the place mixes.
+        // Derivatives by δz and by the three directions of space; and the change of what the place blends.
         let along = |v: DVec3, value: f64| Dual { value, partials: [0.0, v.x, v.y, v.z] };
         let deep = Dual { value: t, partials: [if f.depth > 0.0 { 1.0 } else { 0.0 }, 0.0, 0.0, 0.0] };
         let square = along(deflection * 2.0, deflection.length_squared());
@@ -230,7 +230,7 @@ impl Lateral for Coupled {
         let (mut hessian_zz, mut hessian_zt, mut hessian_tt) = (0.0, DVec3::ZERO, DMat3::ZERO);
         let (mut mu, mut mu_slope, mut d_mu) = (0.0, 0.0, 0.0);
         let (mut d_normal, mut d_gradient) = (0.0, DVec3::ZERO);
-        points.each(model, nodes, [change.mixing, change.along], |potential, [w, dw], _| {
+        points.each(model, nodes, [change.blending, change.along], |potential, [w, dw], _| {
             let [t1, t2] = *potential.tangents;
             let xi = potential.tangents.map(|t| along(t, t.dot(deflection)));
             let quantities = at_depth(potential.row, deep);
@@ -268,23 +268,23 @@ impl Lateral for Coupled {
             normal_slope: greatest,
             limit_slope,
             lateral_stiffness: greatest,
-            pull_gradient: (stiffness * f.u_t).length(),
+            lateral_force_gradient: (stiffness * f.u_t).length(),
             eta: d_limit - d_lateral.dot(v),
         }
     }
 
     #[inline(always)]
-    fn aim(&self, f: &Field) -> DVec3 {
+    fn implicit_direction(&self, f: &Evaluation) -> DVec3 {
         f.u_t
     }
 
     #[inline(always)]
-    fn lead(_: &Self::Element<'_>, _: [f64; 3], _: &Field, drive: &Drive) -> DVec3 {
+    fn implicit_drive_direction(_: &Self::Element<'_>, _: [f64; 3], _: &Evaluation, drive: &Drive) -> DVec3 {
         drive.along
     }
 
     #[inline(always)]
-    fn turned(_: &Self::Element<'_>, _: [f64; 3], _: DVec3, _: DVec3) -> f64 {
+    fn slope_ratio(_: &Self::Element<'_>, _: [f64; 3], _: DVec3, _: DVec3) -> f64 {
         1.0
     }
 }

@@ -1,62 +1,62 @@
 //! The decoupled law, the seed's (4): f_z(δz) along û and a lateral force that is alike in all directions, or under the tensors
 //! of an anisotropic body (MODEL 2 and 7).
 //!
-//! The nodes' tensors mix like everything else, A = Σ n_l A_l. ρ = √(δ_t·A δ_t) takes the place of δr in the lateral
+//! The nodes' tensors blend like everything else, A = Σ n_l A_l. ρ = √(δ_t·A δ_t) takes the place of δr in the lateral
 //! curve, and f_t = f_r(ρ)/ρ w with w = P_û A δ_t that of f_r u_r: the gradient of F_r(ρ), so that stick is
 //! conservative. No tangent basis is needed, and nothing jumps where two of them would meet.
 //!
 //! A step is compiled once for each of the two, so that isotropic bodies pay nothing.
 
 use crate::drive::Drive;
-use crate::field::{Change, Deflection, Drift, Field, Reading};
-use crate::lateral::{Lateral, Mix, NO_DIRECTION};
+use crate::force_law::{Blend, ForceLaw, NO_DIRECTION};
+use crate::kernel::{Change, Deflection, Drift, Evaluation, Reading};
 use glam::DVec3;
 use palpate_body::law::decoupled;
 use palpate_body::{
-    ContactModel, DecoupledEnergies, Gradients, Known, Node, Rows, Sample, Strain, Tensor, tensor,
+    BasisValues, ContactModel, DecoupledEnergies, EnergyCache, Gradients, Node, Rows, Sample, Tensor, tensor,
 };
 use std::array::from_fn;
 
-/// Bound on the iterates of [`Lateral::aim`]; mostly none are needed, else two or three.
-const AIMS: u32 = 6;
+/// Bound on the iterates of [`ForceLaw::implicit_direction`]; mostly none are needed, else two or three.
+const DIRECTION_ITERATES: u32 = 6;
 /// How near the squared length of a way comes to the one wanted before they begin.
 const NEAR: f64 = 2e-3;
 
-/// The curves that an element mixes, in the intervals of the moment, and its nodes' tensors.
+/// The curves that an element blends, in the current intervals, and its nodes' tensors.
 #[derive(Clone, Copy)]
 pub(crate) struct Curves<'a, T> {
-    mix: Mix,
+    blend: Blend,
     depth: Rows<'a, 9>,
     lateral: Rows<'a, 5>,
     tensors: T,
 }
 
 impl<'a, T> Curves<'a, T> {
-    /// The mixed intervals of the normal and friction curves and of the lateral curve. `n` mixes the nodes.
+    /// The blended intervals of the normal and friction curves and of the lateral curve. `n` blends the nodes.
     #[inline(always)]
-    fn mixed(
+    fn blended(
         &mut self,
         model: &'a ContactModel,
         nodes: [&'a Node; 3],
         n: [f64; 3],
         [depth, rho]: [f64; 2],
     ) -> ([f64; 9], [f64; 5]) {
-        if self.mix == Mix::Wide {
-            return self.mixed_widely(model, nodes, n, [depth, rho]);
+        if self.blend == Blend::Wide {
+            return self.blended_widely(model, nodes, n, [depth, rho]);
         }
         if !self.depth.hold(depth) {
-            self.depth = model.responses().depth_rows(self.mix.points(nodes), depth);
+            self.depth = model.responses().depth_rows(self.blend.points(nodes), depth);
         }
         if !self.lateral.hold(rho) {
-            self.lateral = model.responses().lateral_rows(self.mix.points(nodes), rho);
+            self.lateral = model.responses().lateral_rows(self.blend.points(nodes), rho);
         }
-        let weights = self.mix.weights(nodes, n);
-        (self.depth.mix(weights), self.lateral.mix(weights))
+        let weights = self.blend.weights(nodes, n);
+        (self.depth.blend(weights), self.lateral.blend(weights))
     }
 
     #[cold]
     #[inline(never)]
-    fn mixed_widely(
+    fn blended_widely(
         &mut self,
         model: &'a ContactModel,
         nodes: [&'a Node; 3],
@@ -68,10 +68,10 @@ impl<'a, T> Curves<'a, T> {
             let weights = node.weights.map(|w| n * w);
             self.depth = model.responses().depth_rows(node.test_points, depth);
             self.lateral = model.responses().lateral_rows(node.test_points, rho);
-            for (sum, x) in z.iter_mut().zip(self.depth.mix(weights)) {
+            for (sum, x) in z.iter_mut().zip(self.depth.blend(weights)) {
                 *sum += x;
             }
-            for (sum, x) in r.iter_mut().zip(self.lateral.mix(weights)) {
+            for (sum, x) in r.iter_mut().zip(self.lateral.blend(weights)) {
                 *sum += x;
             }
         }
@@ -80,11 +80,11 @@ impl<'a, T> Curves<'a, T> {
 
     /// Where the energies of test points are, at the deflections that were just evaluated.
     #[inline]
-    fn strain(&self, model: &'a ContactModel, depth: f64, rho: f64) -> Strain<'a> {
-        model.responses().strain([depth, rho], (&self.depth, &self.lateral))
+    fn basis(&self, model: &'a ContactModel, depth: f64, rho: f64) -> BasisValues<'a> {
+        model.responses().basis([depth, rho], (&self.depth, &self.lateral))
     }
 
-    /// Normal, friction and lateral curves mixed with `n`.
+    /// Normal, friction and lateral curves blended with `n`.
     fn samples(
         &mut self,
         model: &'a ContactModel,
@@ -93,14 +93,14 @@ impl<'a, T> Curves<'a, T> {
         [depth, rho]: [f64; 2],
     ) -> (Sample, Sample, Sample) {
         let ([i, z0, z1, z2, z3, m0, m1, m2, m3], [j, r0, r1, r2, r3]) =
-            self.mixed(model, nodes, n, [depth, rho]);
+            self.blended(model, nodes, n, [depth, rho]);
         let (t, s) = (self.depth.distance(depth), self.lateral.distance(rho));
         let normal = if depth > 0.0 { Sample::at(i, [z0, z1, z2, z3], t) } else { Sample::default() };
         (normal, Sample::at(0.0, [m0, m1, m2, m3], t), Sample::at(j, [r0, r1, r2, r3], s))
     }
 }
 
-impl<M: Metric> Lateral for M {
+impl<M: Metric> ForceLaw for M {
     const ISOTROPIC: bool = M::EVEN;
     type Element<'a> = Curves<'a, M::Nodes<'a>>;
     type Energies<'a> = DecoupledEnergies<'a>;
@@ -108,7 +108,7 @@ impl<M: Metric> Lateral for M {
     #[inline]
     fn element<'a>(model: &'a ContactModel, element: u32, nodes: [&'a Node; 3]) -> Self::Element<'a> {
         Curves {
-            mix: Mix::of(nodes),
+            blend: Blend::of(nodes),
             depth: Rows::NONE,
             lateral: Rows::NONE,
             tensors: M::nodes(model, element),
@@ -116,17 +116,17 @@ impl<M: Metric> Lateral for M {
     }
 
     #[inline]
-    fn go_over<'a>(
+    fn change_element<'a>(
         curves: &mut Self::Element<'a>,
         model: &'a ContactModel,
         element: u32,
         [before, nodes]: [[&'a Node; 3]; 2],
     ) {
-        let held = curves.mix.points(before);
+        let held = curves.blend.points(before);
         curves.tensors = M::nodes(model, element);
-        let (was, mix) = (curves.mix, Mix::of(nodes));
-        curves.mix = mix;
-        if was != Mix::Shared || mix != Mix::Shared || held != mix.points(nodes) {
+        let (was, blend) = (curves.blend, Blend::of(nodes));
+        curves.blend = blend;
+        if was != Blend::Shared || blend != Blend::Shared || held != blend.points(nodes) {
             (curves.depth, curves.lateral) = (Rows::NONE, Rows::NONE);
         }
     }
@@ -140,37 +140,40 @@ impl<M: Metric> Lateral for M {
         at: &Deflection,
     ) -> (Self, Reading) {
         let depth = at.depth;
-        let tensor = || M::mix(curves.tensors, n);
+        let tensor = || M::blend(curves.tensors, n);
         let (metric, rho, u_t) = M::of(tensor, at.tangential, at.lateral, |v| at.project(v));
         let ([integral, z0, z1, z2, z3, m0, m1, m2, m3], lateral) =
-            curves.mixed(model, nodes, n, [depth, rho]);
+            curves.blended(model, nodes, n, [depth, rho]);
         let (t, s) = (curves.depth.distance(depth), curves.lateral.distance(rho));
         let law = decoupled([integral, z0, z1, z2, z3], lateral, [t, s]);
-        let ([normal, pull], [stored, strain]) = (law.force, law.energy);
+        let ([normal, lateral_force], [stored, lateral_energy]) = (law.force, law.energy);
         let (normal, stored) = if depth > 0.0 { (normal, stored) } else { (0.0, 0.0) };
-        let (pull, pull_slope) = metric.pull(pull, law.lateral_slope);
+        let (lateral_force, lateral_slope) = metric.lateral_force(lateral_force, law.lateral_slope);
         let limit = (m0 + t * (m1 + t * (m2 + t * m3))) * normal;
-        (metric, Reading { u_t, normal, pull, pull_slope, limit, energy: stored + strain })
+        (
+            metric,
+            Reading { u_t, normal, lateral_force, lateral_slope, limit, energy: stored + lateral_energy },
+        )
     }
 
     #[inline(always)]
-    fn rho(&self, f: &Field) -> f64 {
+    fn rho(&self, f: &Evaluation) -> f64 {
         Metric::length(self, f)
     }
 
     #[inline(always)]
-    fn deflection(&self, f: &Field) -> DVec3 {
+    fn deflection(&self, f: &Evaluation) -> DVec3 {
         Metric::tangential(self, f)
     }
 
     #[inline(always)]
-    fn along_deflection(&self, f: &Field, v: DVec3) -> f64 {
+    fn along_deflection(&self, f: &Evaluation, v: DVec3) -> f64 {
         Metric::along(self, f, v)
     }
 
     #[inline(always)]
-    fn beside(&self, curves: &Self::Element<'_>, n: [f64; 3], f: &Field) -> f64 {
-        Metric::along_normal(self, || M::mix(curves.tensors, n), f)
+    fn normal_coupling(&self, curves: &Self::Element<'_>, n: [f64; 3], f: &Evaluation) -> f64 {
+        Metric::along_normal(self, || M::blend(curves.tensors, n), f)
     }
 
     /// W_l + ½ g δ_t·A_l δ_t.
@@ -180,11 +183,11 @@ impl<M: Metric> Lateral for M {
         curves: &Self::Element<'_>,
         model: &ContactModel,
         nodes: [&Node; 3],
-        f: &Field,
+        f: &Evaluation,
     ) -> [f64; 3] {
-        let strain = model.responses().strain([f.depth, self.rho(f)], (&curves.depth, &curves.lateral));
+        let basis = model.responses().basis([f.depth, self.rho(f)], (&curves.depth, &curves.lateral));
         let own = nodes.map(|node| {
-            let [a, b, c] = node.test_points.map(|t| strain.energy(t));
+            let [a, b, c] = node.test_points.map(|t| basis.energy(t));
             let [x, y, z] = node.weights;
             x * a + y * b + z * c
         });
@@ -202,11 +205,11 @@ impl<M: Metric> Lateral for M {
         curves: &Self::Element<'a>,
         model: &'a ContactModel,
         nodes: [&Node; 3],
-        f: &Field,
+        f: &Evaluation,
     ) -> DecoupledEnergies<'a> {
-        let strain = curves.strain(model, f.depth, self.rho(f));
-        let shared = (curves.mix == Mix::Shared).then(|| curves.mix.points(nodes));
-        DecoupledEnergies { strain, known: shared.map_or(Known::NONE, |points| strain.known(points)) }
+        let basis = curves.basis(model, f.depth, self.rho(f));
+        let shared = (curves.blend == Blend::Shared).then(|| curves.blend.points(nodes));
+        DecoupledEnergies { basis, cache: shared.map_or(EnergyCache::NONE, |points| basis.cache(points)) }
     }
 
     #[inline(always)]
@@ -215,15 +218,15 @@ impl<M: Metric> Lateral for M {
         _: &Self::Element<'_>,
         gradients: &Gradients,
         nodes: [u32; 3],
-        f: &Field,
+        f: &Evaluation,
     ) -> f64 {
         // Each node's is beyond its own share of W, n_l W_l ≤ W.
-        let [a, b, c] = nodes.map(|node| gradients.most(node).energy);
+        let [a, b, c] = nodes.map(|node| gradients.bound(node).energy);
         f64::from(a.max(b).max(c)) * f.energy
     }
 
     #[inline(always)]
-    fn tensor_gradient(&self, f: &Field) -> Option<(DVec3, f64)> {
+    fn tensor_gradient(&self, f: &Evaluation) -> Option<(DVec3, f64)> {
         if M::EVEN { None } else { Some((self.deflection(f), 0.5 * self.gain(f))) }
     }
 
@@ -232,12 +235,12 @@ impl<M: Metric> Lateral for M {
         curves: &mut Self::Element<'a>,
         model: &'a ContactModel,
         nodes: [&'a Node; 3],
-        f: &Field,
+        f: &Evaluation,
         change: &Change,
     ) -> Drift {
         let at = [f.depth, self.rho(f)];
-        let (normal, friction, pull) = curves.samples(model, nodes, change.mixing, at);
-        let (normal_gradient, friction_gradient, pull_gradient) =
+        let (normal, friction, lateral_force) = curves.samples(model, nodes, change.blending, at);
+        let (normal_gradient, friction_gradient, lateral_force_gradient) =
             curves.samples(model, nodes, change.along, at);
         let d_depth = change.d_depth;
         let d_normal = normal.slope * d_depth + normal_gradient.value;
@@ -245,37 +248,42 @@ impl<M: Metric> Lateral for M {
         let limit = limit_slope * d_depth
             + friction_gradient.value * normal.value
             + friction.value * normal_gradient.value;
-        let tensors = || [change.mixing, change.along].map(|n| M::mix(curves.tensors, n));
-        let lateral = self.lateral_drift(tensors, f, change, pull, pull_gradient.value);
+        let tensors = || [change.blending, change.along].map(|n| M::blend(curves.tensors, n));
+        let lateral = self.lateral_drift(tensors, f, change, lateral_force, lateral_force_gradient.value);
         let [a, b] = lateral.force;
         Drift {
             force: change.u * d_normal + change.du * f.normal + a + b,
             normal_slope: normal.slope,
             limit_slope,
             lateral_stiffness: lateral.stiffness,
-            pull_gradient: lateral.pull_gradient,
-            eta: limit - lateral.pull,
+            lateral_force_gradient: lateral.lateral_force_gradient,
+            eta: limit - lateral.lateral_force,
         }
     }
 
     #[inline(always)]
-    fn aim(&self, f: &Field) -> DVec3 {
-        Metric::towards(self, f)
+    fn implicit_direction(&self, f: &Evaluation) -> DVec3 {
+        Metric::metric_direction(self, f)
     }
 
     #[inline(always)]
-    fn lead(curves: &Self::Element<'_>, n: [f64; 3], f: &Field, drive: &Drive) -> DVec3 {
-        M::leading(|| M::mix(curves.tensors, n), f, drive)
+    fn implicit_drive_direction(
+        curves: &Self::Element<'_>,
+        n: [f64; 3],
+        f: &Evaluation,
+        drive: &Drive,
+    ) -> DVec3 {
+        M::metric_drive_direction(|| M::blend(curves.tensors, n), f, drive)
     }
 
     #[inline(always)]
-    fn turned(curves: &Self::Element<'_>, n: [f64; 3], old: DVec3, new: DVec3) -> f64 {
-        M::turning(|| M::mix(curves.tensors, n), old, new)
+    fn slope_ratio(curves: &Self::Element<'_>, n: [f64; 3], old: DVec3, new: DVec3) -> f64 {
+        M::metric_slope_ratio(|| M::blend(curves.tensors, n), old, new)
     }
 }
 
 /// How the lateral force follows from the lateral deflection; a value is what one evaluation knows of it besides its
-/// [`Field`].
+/// [`Evaluation`].
 pub(crate) trait Metric: Copy + Default {
     /// Whether f_t lies along δ_t.
     const EVEN: bool;
@@ -286,7 +294,7 @@ pub(crate) trait Metric: Copy + Default {
     fn nodes(body: &ContactModel, element: u32) -> Self::Nodes<'_>;
 
     /// Σ n A.
-    fn mix(nodes: Self::Nodes<'_>, n: [f64; 3]) -> Tensor;
+    fn blend(nodes: Self::Nodes<'_>, n: [f64; 3]) -> Tensor;
 
     /// From δ_t and its length: ρ, and the direction of f_t, zero where there is none. `project` is P_û.
     fn of(
@@ -297,57 +305,57 @@ pub(crate) trait Metric: Copy + Default {
     ) -> (Self, f64, DVec3);
 
     /// |f_t| and how fast it falls when c moves along it, the rest held; from the curve's value and slope at ρ.
-    fn pull(&self, value: f64, slope: f64) -> (f64, f64);
+    fn lateral_force(&self, value: f64, slope: f64) -> (f64, f64);
 
     /// ρ, m.
-    fn length(&self, f: &Field) -> f64;
+    fn length(&self, f: &Evaluation) -> f64;
 
     /// δ_t, m.
-    fn tangential(&self, f: &Field) -> DVec3;
+    fn tangential(&self, f: &Evaluation) -> DVec3;
 
     /// g = f_r/ρ, N/m; 0 where there is no lateral deflection.
-    fn gain(&self, f: &Field) -> f64;
+    fn gain(&self, f: &Evaluation) -> f64;
 
     /// g û·A δ_t, N: what the tensor makes of the deflection along û.
-    fn along_normal(&self, tensor: impl FnOnce() -> Tensor, f: &Field) -> f64;
+    fn along_normal(&self, tensor: impl FnOnce() -> Tensor, f: &Evaluation) -> f64;
 
     /// δ_t·A_l δ_t of each node.
     fn squares(nodes: Self::Nodes<'_>, deflection: DVec3) -> [f64; 3];
 
     /// δ_t·v.
-    fn along(&self, f: &Field, v: DVec3) -> f64;
+    fn along(&self, f: &Evaluation, v: DVec3) -> f64;
 
-    /// Which way f_t leads, a unit vector.
-    fn towards(&self, f: &Field) -> DVec3;
+    /// Direction that the implicit step takes for f_t, a unit vector.
+    fn metric_direction(&self, f: &Evaluation) -> DVec3;
 
-    /// Which way another drive leads, of which f_t is the part that changes as c moves.
-    fn leading(tensor: impl FnOnce() -> Tensor, f: &Field, drive: &Drive) -> DVec3;
+    /// The same for another drive, of which f_t is the part that changes as c moves.
+    fn metric_drive_direction(tensor: impl FnOnce() -> Tensor, f: &Evaluation, drive: &Drive) -> DVec3;
 
     /// How much less f_t falls along `old` than along `new`, or more.
-    fn turning(tensor: impl FnOnce() -> Tensor, old: DVec3, new: DVec3) -> f64;
+    fn metric_slope_ratio(tensor: impl FnOnce() -> Tensor, old: DVec3, new: DVec3) -> f64;
 
     /// How f_t changes; `tensors` are A and its rate, `curve` the lateral curve at ρ, `gradient` the rate at which it changes
     /// along the surface, N/m.
     fn lateral_drift(
         &self,
         tensors: impl FnOnce() -> [Tensor; 2],
-        f: &Field,
+        f: &Evaluation,
         change: &Change,
         curve: Sample,
         gradient: f64,
     ) -> LateralDrift;
 }
 
-/// The part of [`Drift`](crate::field::Drift) that comes from f_t.
+/// The part of [`Drift`](crate::kernel::Drift) that comes from f_t.
 pub(crate) struct LateralDrift {
     /// Its rate, in two parts, N/m.
     pub force: [DVec3; 2],
     /// The rate of its component along the way, N/m.
-    pub pull: f64,
+    pub lateral_force: f64,
     /// The greatest stiffness in stick, N/m.
     pub stiffness: f64,
     /// |∂|f_t|/∂x|, N/m.
-    pub pull_gradient: f64,
+    pub lateral_force_gradient: f64,
 }
 
 /// f_t = f_r(δr) u_r.
@@ -362,7 +370,7 @@ impl Metric for Isotropic {
     fn nodes(_: &ContactModel, _: u32) {}
 
     #[inline(always)]
-    fn mix((): (), _: [f64; 3]) -> Tensor {
+    fn blend((): (), _: [f64; 3]) -> Tensor {
         tensor::IDENTITY
     }
 
@@ -378,27 +386,27 @@ impl Metric for Isotropic {
     }
 
     #[inline(always)]
-    fn pull(&self, value: f64, slope: f64) -> (f64, f64) {
+    fn lateral_force(&self, value: f64, slope: f64) -> (f64, f64) {
         (value, slope)
     }
 
     #[inline(always)]
-    fn length(&self, f: &Field) -> f64 {
+    fn length(&self, f: &Evaluation) -> f64 {
         f.lateral
     }
 
     #[inline(always)]
-    fn tangential(&self, f: &Field) -> DVec3 {
+    fn tangential(&self, f: &Evaluation) -> DVec3 {
         f.u_t * f.lateral
     }
 
     #[inline(always)]
-    fn gain(&self, f: &Field) -> f64 {
-        if f.lateral > 0.0 { f.pull / f.lateral } else { 0.0 }
+    fn gain(&self, f: &Evaluation) -> f64 {
+        if f.lateral > 0.0 { f.lateral_force / f.lateral } else { 0.0 }
     }
 
     #[inline(always)]
-    fn along_normal(&self, _: impl FnOnce() -> Tensor, _: &Field) -> f64 {
+    fn along_normal(&self, _: impl FnOnce() -> Tensor, _: &Evaluation) -> f64 {
         0.0
     }
 
@@ -408,22 +416,22 @@ impl Metric for Isotropic {
     }
 
     #[inline(always)]
-    fn along(&self, f: &Field, v: DVec3) -> f64 {
+    fn along(&self, f: &Evaluation, v: DVec3) -> f64 {
         f.lateral * f.u_t.dot(v)
     }
 
     #[inline(always)]
-    fn towards(&self, f: &Field) -> DVec3 {
+    fn metric_direction(&self, f: &Evaluation) -> DVec3 {
         f.u_t
     }
 
     #[inline(always)]
-    fn leading(_: impl FnOnce() -> Tensor, _: &Field, drive: &Drive) -> DVec3 {
+    fn metric_drive_direction(_: impl FnOnce() -> Tensor, _: &Evaluation, drive: &Drive) -> DVec3 {
         drive.along
     }
 
     #[inline(always)]
-    fn turning(_: impl FnOnce() -> Tensor, _: DVec3, _: DVec3) -> f64 {
+    fn metric_slope_ratio(_: impl FnOnce() -> Tensor, _: DVec3, _: DVec3) -> f64 {
         1.0
     }
 
@@ -431,7 +439,7 @@ impl Metric for Isotropic {
     fn lateral_drift(
         &self,
         _: impl FnOnce() -> [Tensor; 2],
-        f: &Field,
+        f: &Evaluation,
         change: &Change,
         _: Sample,
         gradient: f64,
@@ -442,20 +450,20 @@ impl Metric for Isotropic {
         } else {
             DVec3::ZERO
         };
-        let d_pull = f.pull_slope * d_lateral + gradient;
-        let secant = if f.lateral < NO_DIRECTION { 0.0 } else { f.pull / f.lateral };
+        let d_pull = f.lateral_slope * d_lateral + gradient;
+        let secant = if f.lateral < NO_DIRECTION { 0.0 } else { f.lateral_force / f.lateral };
         LateralDrift {
-            force: [f.u_t * d_pull, du_t * f.pull],
-            pull: d_pull,
-            stiffness: f.pull_slope.max(secant),
-            pull_gradient: f.pull_slope,
+            force: [f.u_t * d_pull, du_t * f.lateral_force],
+            lateral_force: d_pull,
+            stiffness: f.lateral_slope.max(secant),
+            lateral_force_gradient: f.lateral_slope,
         }
     }
 }
 
 /// f_t = f_r(ρ)/ρ P_û A δ_t, as one evaluation found it.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Stretch {
+pub(crate) struct Anisotropic {
     /// δ_t, m.
     deflection: DVec3,
     /// Its square, m².
@@ -466,7 +474,7 @@ pub(crate) struct Stretch {
     gain: f64,
 }
 
-impl Metric for Stretch {
+impl Metric for Anisotropic {
     const EVEN: bool = false;
     type Nodes<'a> = [&'a Tensor; 3];
 
@@ -476,7 +484,7 @@ impl Metric for Stretch {
     }
 
     #[inline(always)]
-    fn mix([a, b, c]: [&Tensor; 3], n: [f64; 3]) -> Tensor {
+    fn blend([a, b, c]: [&Tensor; 3], n: [f64; 3]) -> Tensor {
         from_fn(|i| n[0] * a[i] + n[1] * b[i] + n[2] * c[i])
     }
 
@@ -498,33 +506,33 @@ impl Metric for Stretch {
             gain = length / rho;
             u_t = w * (1.0 / length);
         }
-        (Stretch { deflection: tangential, square: lateral * lateral, rho, gain }, rho, u_t)
+        (Anisotropic { deflection: tangential, square: lateral * lateral, rho, gain }, rho, u_t)
     }
 
     /// |f_t| = f_r |w|/ρ. Of ∂f_t/∂δ_t = f_r/ρ P A P + (f_r' − f_r/ρ) w wᵀ/ρ² the slope takes w wᵀ/ρ² for P A P, which are
     /// the same along a principal axis; elsewhere it is too low, for a ratio κ by a factor down to 4 κ/(1 + κ)².
     #[inline(always)]
-    fn pull(&self, value: f64, slope: f64) -> (f64, f64) {
+    fn lateral_force(&self, value: f64, slope: f64) -> (f64, f64) {
         (value * self.gain, slope * (self.gain * self.gain))
     }
 
     #[inline(always)]
-    fn length(&self, _: &Field) -> f64 {
+    fn length(&self, _: &Evaluation) -> f64 {
         self.rho
     }
 
     #[inline(always)]
-    fn tangential(&self, _: &Field) -> DVec3 {
+    fn tangential(&self, _: &Evaluation) -> DVec3 {
         self.deflection
     }
 
     #[inline(always)]
-    fn gain(&self, f: &Field) -> f64 {
-        if self.rho > 0.0 { f.pull / (self.gain * self.rho) } else { 0.0 }
+    fn gain(&self, f: &Evaluation) -> f64 {
+        if self.rho > 0.0 { f.lateral_force / (self.gain * self.rho) } else { 0.0 }
     }
 
     #[inline(always)]
-    fn along_normal(&self, tensor: impl FnOnce() -> Tensor, f: &Field) -> f64 {
+    fn along_normal(&self, tensor: impl FnOnce() -> Tensor, f: &Evaluation) -> f64 {
         f.u().dot(tensor::apply(&tensor(), self.deflection)) * Metric::gain(self, f)
     }
 
@@ -534,7 +542,7 @@ impl Metric for Stretch {
     }
 
     #[inline(always)]
-    fn along(&self, _: &Field, v: DVec3) -> f64 {
+    fn along(&self, _: &Evaluation, v: DVec3) -> f64 {
         self.deflection.dot(v)
     }
 
@@ -543,9 +551,9 @@ impl Metric for Stretch {
     ///
     /// While c moves by λ v, f_t = g A δ_t goes to g A (δ_t − λ v), and that is L v if (λ A + ℓ I) v = w, with w = A δ_t
     /// and ℓ = L/g. In the plane (tr(A) I − A) A = det(A) I, so that v ∝ ℓ w + λ det(A) δ_t: along the force where little
-    /// is left to go, straight under the tip where there is no friction. λ makes v's length 1.
+    /// is left to go, straight under the tool where there is no friction. λ makes v's length 1.
     #[inline(always)]
-    fn towards(&self, f: &Field) -> DVec3 {
+    fn metric_direction(&self, f: &Evaluation) -> DVec3 {
         // With |w| as the unit u_t·δ_t = ρ²/|w|² = 1/gain², and u_t·A u_t = tr(A) − det(A)/gain². A's trace in the plane is
         // 2 where û is the nodes' own, and never far from it.
         let gain2 = self.gain * self.gain;
@@ -554,24 +562,24 @@ impl Metric for Stretch {
         let straight = self.deflection * (determinant / (self.gain * self.rho));
         // v along a u_t + b det(A) δ_t with a : b = ℓ : λ; λ from where the force alone would lead, (1 − ℓ)/(u_t·A u_t), is
         // mostly near enough. In whatever unit a and b are, no quotient has to be waited for.
-        let (mut a, mut b) = (f.limit * (2.0 - part), f.pull - f.limit);
+        let (mut a, mut b) = (f.limit * (2.0 - part), f.lateral_force - f.limit);
         let length2 = |a: f64, b: f64| a * (a + 2.0 * b * part) + b * b * square;
         let mut v2 = length2(a, b);
-        let d = (b * (b * determinant + 2.0 * a) + a * a) / (f.pull * (2.0 - part));
+        let d = (b * (b * determinant + 2.0 * a) + a * a) / (f.lateral_force * (2.0 - part));
         if (d * d - v2).abs() >= NEAR * v2 {
-            (a, b) = share(f.limit / f.pull, part, determinant, square);
+            (a, b) = share(f.limit / f.lateral_force, part, determinant, square);
             v2 = length2(a, b);
         }
         let per = 1.0 / v2.sqrt();
         let v = (f.u_t * a + straight * b) * per;
         // A direction that has lost the force, or is none, leads nowhere.
-        if f.pull * (a + b * part) * per > f.limit && v.is_finite() { v } else { f.u_t }
+        if f.lateral_force * (a + b * part) * per > f.limit && v.is_finite() { v } else { f.u_t }
     }
 
     /// As [`Metric::towards`], with the deflection that would make this drive: (λ A + ℓ I) v = w', hence
     /// v ∝ (ℓ + 2 λ) w' − λ P A w' (A's trace in the plane is 2), and λ from where the drive alone would lead.
     #[inline(always)]
-    fn leading(tensor: impl FnOnce() -> Tensor, f: &Field, drive: &Drive) -> DVec3 {
+    fn metric_drive_direction(tensor: impl FnOnce() -> Tensor, f: &Evaluation, drive: &Drive) -> DVec3 {
         let (u, stretched) = (f.u(), tensor::apply(&tensor(), drive.along));
         let stretched = stretched - u * u.dot(stretched);
         let (rest, part) = (f.limit, drive.along.dot(stretched));
@@ -584,7 +592,7 @@ impl Metric for Stretch {
     }
 
     #[inline(always)]
-    fn turning(tensor: impl FnOnce() -> Tensor, old: DVec3, new: DVec3) -> f64 {
+    fn metric_slope_ratio(tensor: impl FnOnce() -> Tensor, old: DVec3, new: DVec3) -> f64 {
         let a = tensor();
         old.dot(tensor::apply(&a, old)) / new.dot(tensor::apply(&a, new))
     }
@@ -593,7 +601,7 @@ impl Metric for Stretch {
     fn lateral_drift(
         &self,
         tensors: impl FnOnce() -> [Tensor; 2],
-        f: &Field,
+        f: &Evaluation,
         change: &Change,
         curve: Sample,
         gradient: f64,
@@ -620,9 +628,9 @@ impl Metric for Stretch {
         let along = project(tensor::apply(&a, f.u_t)) * g + w * (bend * w.dot(f.u_t));
         LateralDrift {
             force: [force, DVec3::ZERO],
-            pull: force.dot(v),
+            lateral_force: force.dot(v),
             stiffness: greatest_eigenvalue(&a, u) * g.max(curve.slope),
-            pull_gradient: along.length(),
+            lateral_force_gradient: along.length(),
         }
     }
 }
@@ -632,7 +640,7 @@ impl Metric for Stretch {
 #[cold]
 fn share(rest: f64, part: f64, determinant: f64, square: f64) -> (f64, f64) {
     let mut way = (1.0 - rest) / (2.0 - part);
-    for _ in 0..AIMS {
+    for _ in 0..DIRECTION_ITERATES {
         let (forced, straight) = (rest + way * part, rest * part + way * square);
         let v2 = rest * forced + way * straight;
         let d = way * (way * determinant + 2.0 * rest) + rest * rest;

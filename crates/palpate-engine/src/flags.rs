@@ -34,9 +34,9 @@ impl Flags {
     /// The tool is inside the body (or nearer than its radius) without having come through the surface: the
     /// first pose lay there, or it came under an open sheet around its border. No force until it has left.
     pub const STARTED_INSIDE: Self = Self(1 << 10);
-    /// The contact point waits at the edge of a patch ([`palpate_body::Patch`]) that its body goes on beyond,
+    /// The contact point waits at a patch's boundary ([`palpate_body::Patch`]) that its body goes on beyond,
     /// or has not caught up since: what the slip rule bounds was cut to the limit.
-    pub const FENCED: Self = Self(1 << 11);
+    pub const PATCH_BOUNDARY: Self = Self(1 << 11);
     /// The time step was negative or not finite, and counted as 0.
     pub const INVALID_TIME: Self = Self(1 << 12);
     /// The body is not the one that the contact was made for: no force, and the contact is kept as it was.
@@ -59,7 +59,7 @@ impl Flags {
         ("invalid_pose", Self::INVALID_POSE),
         ("contained", Self::CONTAINED),
         ("started_inside", Self::STARTED_INSIDE),
-        ("fenced", Self::FENCED),
+        ("fenced", Self::PATCH_BOUNDARY),
         ("invalid_time", Self::INVALID_TIME),
         ("other_body", Self::OTHER_BODY),
         ("held_back", Self::HELD_BACK),

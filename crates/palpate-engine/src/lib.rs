@@ -1,4 +1,4 @@
-//! The haptic engine: contact point, force, slip and energy of one tool tip on a body.
+//! The haptic engine: contact point, force, slip and energy of one tool on a body.
 //!
 //! A [`Contact`] holds all that evolves; [`Contact::step`] takes where the tool is, and how much later, and gives one [`Output`]. The body is
 //! read, never written, so any number of contacts may share it. The model is that of Mahvash and Hayward, *Haptic
@@ -15,7 +15,7 @@
 //! use palpate_engine::{Contact, ToolState};
 //! # let surface = Shape::Sphere { radius_mm: 30.0 }.surface(Default::default())?;
 //! # let responses = vec![Response::paper(600.0, 500.0, 0.3, 8e-3, 8e-3)?];
-//! # let body = Body::new(BodyParts { mixes: vec![NodeMix::own(0); surface.positions().len()], surface, responses,
+//! # let body = Body::new(BodyParts { blends: vec![BlendWeights::own(0); surface.positions().len()], surface, responses,
 //! #     test_point_nodes: vec![0], coupled: None, lateral_tensors: None, tool: Tool::Point, slip: SlipRule::Paper,
 //! #     provenance: Provenance::default() })?;
 //! let mut contact = Contact::new(&body);
@@ -32,15 +32,15 @@ mod contact;
 mod coupled;
 mod decoupled;
 mod drive;
-mod field;
 mod flags;
-mod lateral;
+mod force_law;
+mod kernel;
 mod output;
 mod sensitivity;
 mod slip;
 mod walk;
 
 pub use contact::Contact;
-pub use field::Ablation;
 pub use flags::Flags;
+pub use kernel::Ablation;
 pub use output::{ContactPoint, Counters, Ledger, Output, ToolState};

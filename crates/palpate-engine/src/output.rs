@@ -1,4 +1,4 @@
-//! What goes into a step and what comes out: plain data.
+//! A step's input and output: plain data.
 
 use crate::flags::Flags;
 use glam::DVec3;
@@ -24,7 +24,7 @@ impl ToolState {
         ToolState { position_m, orientation: [1.0, 0.0, 0.0, 0.0] }
     }
 
-    /// The position, if all of the state can be used: the step's input choke point.
+    /// The position, if all of the state can be used: the step's input check.
     pub(crate) fn accept(&self) -> Option<DVec3> {
         let [w, x, y, z] = self.orientation;
         let square = w * w + x * x + y * y + z * z;
@@ -60,14 +60,14 @@ pub struct Ledger {
     pub work_j: f64,
     /// W(c, δ) now.
     pub stored_j: f64,
-    /// What slip and release took out of W at a fixed tip: Σ W(c_k, x_k+1) − W(c_k+1, x_k+1), signed.
+    /// What slip and release took out of W at a fixed tool position: Σ W(c_k, x_k+1) − W(c_k+1, x_k+1), signed.
     pub dissipated_j: f64,
     /// The part of it where W rose, as a positive sum: energy that the slip rule generated.
     pub generated_j: f64,
     /// The tank: what slips have dissipated and later ones may give out again, at most [`TANK`] times what is stored. Below
     /// zero after a step that gave out more, as a re-anchoring may.
     pub tank_j: f64,
-    /// What internal variables took out of W at a fixed tip and contact point; 0 as long as no response has any.
+    /// What internal variables took out of W at a fixed tool position and contact point; 0 as long as no response has any.
     pub relaxed_j: f64,
 }
 
@@ -117,7 +117,7 @@ pub struct Counters {
     pub queries: u64,
     /// Steps in which an edge or vertex held the contact point.
     pub blocked: u64,
-    /// Steps in which the contact point waited at the edge of a patch, or had not caught up since.
+    /// Steps in which the contact point waited at a patch's boundary, or had not caught up since.
     pub fenced: u64,
     /// Steps that spent their budget.
     pub capped: u64,
@@ -133,7 +133,7 @@ pub struct Counters {
     pub contained: u64,
     /// Steps in contact in which the rule `consistent` found no gradients in the body and slipped as `paper` does: the
     /// body is not the one that the contact was made for.
-    pub underived: u64,
+    pub without_gradients: u64,
 }
 
 impl Counters {
@@ -152,7 +152,7 @@ impl Counters {
         for (count, flag) in [
             (&mut self.onsets, Flags::ONSET),
             (&mut self.blocked, Flags::BLOCKED),
-            (&mut self.fenced, Flags::FENCED),
+            (&mut self.fenced, Flags::PATCH_BOUNDARY),
             (&mut self.capped, Flags::CAPPED),
             (&mut self.held_back, Flags::HELD_BACK),
             (&mut self.invalid_poses, Flags::INVALID_POSE),

@@ -1,10 +1,10 @@
 //! How fast the force can change: the Lipschitz bound of MODEL 5 at one state, for measuring clicks against.
 
 use crate::coupled::Coupled;
-use crate::decoupled::{Isotropic, Stretch};
+use crate::decoupled::{Anisotropic, Isotropic};
 use crate::drive::{Consistent, Exact, Paper, Rule};
-use crate::field::{Law, Site};
-use crate::lateral::Lateral;
+use crate::force_law::ForceLaw;
+use crate::kernel::{ElementKernel, Setting};
 use crate::walk::Rates;
 use glam::DVec3;
 use palpate_body::{ContactModel, SlipRule, SurfacePoint};
@@ -16,47 +16,55 @@ use palpate_body::{ContactModel, SlipRule, SurfacePoint};
 /// the next that rule's force may jump.
 pub(crate) fn lipschitz(
     body: &ContactModel,
-    law: Law,
+    setting: Setting,
     rule: SlipRule,
     at: SurfacePoint,
-    tip: DVec3,
+    tool_position: DVec3,
 ) -> Option<f64> {
     if body.is_coupled() {
-        let site = Site::<Coupled>::new(body, law, at.element);
+        let kernel = ElementKernel::<Coupled>::new(body, setting, at.element);
         return match rule {
-            SlipRule::Consistent => measured::<_, Consistent>(site, at, tip),
-            SlipRule::Exact => measured::<_, Exact>(site, at, tip),
-            _ => measured::<_, Paper>(site, at, tip),
+            SlipRule::Consistent => measured::<_, Consistent>(kernel, at, tool_position),
+            SlipRule::Exact => measured::<_, Exact>(kernel, at, tool_position),
+            _ => measured::<_, Paper>(kernel, at, tool_position),
         };
     }
     match (rule, body.is_isotropic()) {
-        (SlipRule::Consistent, true) => {
-            measured::<_, Consistent>(Site::<Isotropic>::new(body, law, at.element), at, tip)
-        }
-        (SlipRule::Consistent, false) => {
-            measured::<_, Consistent>(Site::<Stretch>::new(body, law, at.element), at, tip)
-        }
-        (SlipRule::Exact, true) => {
-            measured::<_, Exact>(Site::<Isotropic>::new(body, law, at.element), at, tip)
-        }
-        (SlipRule::Exact, false) => {
-            measured::<_, Exact>(Site::<Stretch>::new(body, law, at.element), at, tip)
-        }
-        (_, true) => bound(Site::<Isotropic>::new(body, law, at.element), at, tip),
-        (_, false) => bound(Site::<Stretch>::new(body, law, at.element), at, tip),
+        (SlipRule::Consistent, true) => measured::<_, Consistent>(
+            ElementKernel::<Isotropic>::new(body, setting, at.element),
+            at,
+            tool_position,
+        ),
+        (SlipRule::Consistent, false) => measured::<_, Consistent>(
+            ElementKernel::<Anisotropic>::new(body, setting, at.element),
+            at,
+            tool_position,
+        ),
+        (SlipRule::Exact, true) => measured::<_, Exact>(
+            ElementKernel::<Isotropic>::new(body, setting, at.element),
+            at,
+            tool_position,
+        ),
+        (SlipRule::Exact, false) => measured::<_, Exact>(
+            ElementKernel::<Anisotropic>::new(body, setting, at.element),
+            at,
+            tool_position,
+        ),
+        (_, true) => bound(ElementKernel::<Isotropic>::new(body, setting, at.element), at, tool_position),
+        (_, false) => bound(ElementKernel::<Anisotropic>::new(body, setting, at.element), at, tool_position),
     }
 }
 
 /// For the paper's rule, in closed form where the lateral force has a direction.
-fn bound<L: Lateral>(mut site: Site<L>, at: SurfacePoint, tip: DVec3) -> Option<f64> {
-    let f = site.evaluate(at.n, tip);
-    if f.pull <= NO_DRIVE * f.pull_slope {
-        return measured::<L, Paper>(site, at, tip);
+fn bound<L: ForceLaw>(mut kernel: ElementKernel<L>, at: SurfacePoint, tool_position: DVec3) -> Option<f64> {
+    let f = kernel.evaluate(at.n, tool_position);
+    if f.lateral_force <= NO_DRIVE * f.lateral_slope {
+        return measured::<L, Paper>(kernel, at, tool_position);
     }
-    let drift = site.drift(at.n, &f, f.u_t);
+    let drift = kernel.drift(at.n, &f, f.u_t);
     let stick = drift.normal_slope.max(drift.lateral_stiffness);
     // φ = |f_t| − μ f_z; its gradient in x has a part in the tangent plane and one along û.
-    let gradient = drift.pull_gradient.hypot(drift.limit_slope);
+    let gradient = drift.lateral_force_gradient.hypot(drift.limit_slope);
     (drift.eta > 0.0).then(|| stick + drift.force.length() * gradient / drift.eta)
 }
 
@@ -66,18 +74,22 @@ const STEP: f64 = 1e-7;
 const NO_DRIVE: f64 = 1e-9;
 
 /// For any rule, by differences of its drive d: f, d and L while c or x moves.
-fn measured<L: Lateral, R: Rule>(mut site: Site<L>, at: SurfacePoint, tip: DVec3) -> Option<f64> {
-    let body = site.body;
-    let f = site.evaluate(at.n, tip);
-    let drift = site.drift(at.n, &f, f.u_t);
+fn measured<L: ForceLaw, R: Rule>(
+    mut kernel: ElementKernel<L>,
+    at: SurfacePoint,
+    tool_position: DVec3,
+) -> Option<f64> {
+    let body = kernel.body;
+    let f = kernel.evaluate(at.n, tool_position);
+    let drift = kernel.drift(at.n, &f, f.u_t);
     let stick = drift.normal_slope.max(drift.lateral_stiffness);
-    let f = site.evaluate(at.n, tip);
-    let drive = R::drive(&mut site, at.n, &f);
+    let f = kernel.evaluate(at.n, tool_position);
+    let drive = R::drive(&mut kernel, at.n, &f);
     let mut slope = |rates: [f64; 3], dx: DVec3| {
         let [up, down] = [STEP, -STEP].map(|s| {
             let n = [at.n[0] + s * rates[0], at.n[1] + s * rates[1], at.n[2] + s * rates[2]];
-            let f = site.evaluate(n, tip + dx * s);
-            let drive = R::drive(&mut site, n, &f);
+            let f = kernel.evaluate(n, tool_position + dx * s);
+            let drive = R::drive(&mut kernel, n, &f);
             (f.force(), drive.along * drive.force, f.limit)
         });
         let per = 0.5 / STEP;
@@ -85,14 +97,14 @@ fn measured<L: Lateral, R: Rule>(mut site: Site<L>, at: SurfacePoint, tip: DVec3
     };
     let corners = body.corners(at.element);
     let over = |v: DVec3| Rates::new(corners, v).each();
-    let in_tip = DVec3::AXES.map(|axis| slope([0.0; 3], axis));
+    let in_tool_position = DVec3::AXES.map(|axis| slope([0.0; 3], axis));
 
-    if drive.force > NO_DRIVE * f.pull_slope {
+    if drive.force > NO_DRIVE * f.lateral_slope {
         // φ = d·v − L along the drive v.
         let v = drive.along;
         let (force, d, limit) = slope(over(v), DVec3::ZERO);
         let eta = limit - d.dot(v);
-        let gradient = DVec3::from_array(in_tip.map(|(_, d, limit)| d.dot(v) - limit)).length();
+        let gradient = DVec3::from_array(in_tool_position.map(|(_, d, limit)| d.dot(v) - limit)).length();
         return (eta > 0.0).then(|| stick + force.length() * gradient / eta);
     }
     // Without friction c goes to where the drive is zero, in both directions of the plane: −∂d/∂c dc = ∂d/∂x dx.
@@ -108,20 +120,20 @@ fn measured<L: Lateral, R: Rule>(mut site: Site<L>, at: SurfacePoint, tip: DVec3
         let (x, y) = (dx.dot(s), dx.dot(t));
         held + (force_s * (d * x - b * y) + force_t * (a * y - c * x)) / determinant
     };
-    let square: f64 = in_tip.map(|x| follow(x).length_squared()).iter().sum();
+    let square: f64 = in_tool_position.map(|x| follow(x).length_squared()).iter().sum();
     // Where friction holds at all, the next step may also stick.
-    let held = if f.limit > NO_DRIVE * f.pull_slope { stick } else { 0.0 };
+    let held = if f.limit > NO_DRIVE * f.lateral_slope { stick } else { 0.0 };
     Some(held.max(square.sqrt()))
 }
 
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::field::{Ablation, Field};
+    use crate::kernel::{Ablation, Evaluation};
     use palpate_body::shape::{Resolution, Shape};
-    use palpate_body::{Body, BodyParts, NodeMix, Provenance, Response, Tool, tensor};
+    use palpate_body::{BlendWeights, Body, BodyParts, Provenance, Response, Tool, tensor};
 
-    /// A ball with responses, and tensors up to `ratio`, that differ from node to node; softening sideways.
+    /// A ball with responses, and tensors up to `ratio`, that differ from node to node; softening laterally.
     pub(crate) fn ball(ratio: f64) -> Body {
         let shape = Shape::Sphere { radius_mm: 30.0 };
         let edge = Resolution { edge_length_mm: Some(8.0), ..Default::default() };
@@ -143,7 +155,7 @@ pub(crate) mod tests {
         };
         let count = surface.positions().len() as u32;
         Body::new(BodyParts {
-            mixes: (0..count).map(NodeMix::own).collect(),
+            blends: (0..count).map(BlendWeights::own).collect(),
             responses: surface.positions().iter().enumerate().map(response).collect(),
             test_point_nodes: (0..count).collect(),
             coupled: None,
@@ -156,7 +168,7 @@ pub(crate) mod tests {
         .unwrap()
     }
 
-    /// The ball with a coupled law: potentials that differ from node to node, found up to 2 mm aside.
+    /// The ball with a coupled law: potentials that differ from node to node, found up to 2 mm laterally.
     pub(crate) fn coupled_ball() -> Body {
         let mut parts = ball(1.0).parts();
         let at = parts.surface.positions().iter().zip(parts.surface.inward_normals()).enumerate();
@@ -196,16 +208,23 @@ pub(crate) mod tests {
     #[test]
     fn differences_give_the_closed_form() {
         for (body, isotropic) in [(ball(1.0), true), (ball(4.0), false)] {
-            let law = Law { ablation: Ablation::None, radius_m: 2e-3 };
+            let setting = Setting { ablation: Ablation::None, radius_m: 2e-3 };
             for element in 0..body.elements().len() as u32 {
                 let at = SurfacePoint { element, n: [0.3, 0.5, 0.2] };
-                let tip = body.point(at) - body.outward(element) * 5e-4 + DVec3::new(3e-4, -4e-4, 5e-4);
+                let tool_position =
+                    body.point(at) - body.outward(element) * 5e-4 + DVec3::new(3e-4, -4e-4, 5e-4);
                 let [a, b] = if isotropic {
-                    let site = Site::<Isotropic>::new(&body, law, element);
-                    [bound(site, at, tip), measured::<_, crate::drive::Paper>(site, at, tip)]
+                    let kernel = ElementKernel::<Isotropic>::new(&body, setting, element);
+                    [
+                        bound(kernel, at, tool_position),
+                        measured::<_, crate::drive::Paper>(kernel, at, tool_position),
+                    ]
                 } else {
-                    let site = Site::<Stretch>::new(&body, law, element);
-                    [bound(site, at, tip), measured::<_, crate::drive::Paper>(site, at, tip)]
+                    let kernel = ElementKernel::<Anisotropic>::new(&body, setting, element);
+                    [
+                        bound(kernel, at, tool_position),
+                        measured::<_, crate::drive::Paper>(kernel, at, tool_position),
+                    ]
                 };
                 let (a, b) = (a.unwrap(), b.unwrap());
                 assert!((a - b).abs() < 1e-4 * a, "{a} {b}");
@@ -214,7 +233,7 @@ pub(crate) mod tests {
     }
 
     /// Numbers in [0, 1).
-    pub(crate) fn chance(mut seed: u64) -> impl FnMut() -> f64 {
+    pub(crate) fn random(mut seed: u64) -> impl FnMut() -> f64 {
         move || {
             seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (seed >> 11) as f64 / (1u64 << 53) as f64
@@ -229,50 +248,50 @@ pub(crate) mod tests {
     #[test]
     fn derivatives_are_those_of_finite_differences() {
         compare::<Isotropic>(&[1.0].map(ball));
-        compare::<Stretch>(&[3.0, 60.0].map(ball));
+        compare::<Anisotropic>(&[3.0, 60.0].map(ball));
         compare::<Coupled>(&[coupled_ball()]);
     }
 
-    fn compare<L: Lateral>(bodies: &[Body]) {
-        let mut unit = chance(7);
+    fn compare<L: ForceLaw>(bodies: &[Body]) {
+        let mut unit = random(7);
         for case in 0..1000 {
             let body = &bodies[case % bodies.len()];
             let ablation = [Ablation::None, Ablation::Coordinates, Ablation::Responses, Ablation::Both];
-            let law = Law { ablation: ablation[case / 3 % 4], radius_m: 2e-3 };
+            let setting = Setting { ablation: ablation[case / 3 % 4], radius_m: 2e-3 };
             let element = (unit() * body.elements().len() as f64) as u32;
             let (a, b) = (0.2 + 0.3 * unit(), 0.2 + 0.3 * unit());
             let n = [a, b, 1.0 - a - b];
-            let mut site = Site::<L>::new(body, law, element);
-            let u = site.evaluate(n, DVec3::ZERO).u();
+            let mut kernel = ElementKernel::<L>::new(body, setting, element);
+            let u = kernel.evaluate(n, DVec3::ZERO).u();
             let c = body.point(SurfacePoint { element, n });
             let aside = DVec3::new(unit() - 0.5, unit() - 0.5, unit() - 0.5) * 3e-3;
-            let tip = c + u * (1e-3 * unit() - 1e-3) + (aside - u * aside.dot(u));
-            let f = site.evaluate(n, tip);
+            let tool_position = c + u * (1e-3 * unit() - 1e-3) + (aside - u * aside.dot(u));
+            let f = kernel.evaluate(n, tool_position);
             if f.lateral < 3e-4 {
                 continue;
             }
 
             // f = ∂W/∂x, and its own derivative in x.
             let h = 5e-8;
-            let mut at = |tip: DVec3| site.evaluate(n, tip);
+            let mut at = |tool_position: DVec3| kernel.evaluate(n, tool_position);
             let mut gradient = DVec3::ZERO;
-            let mut pull_gradient = DVec3::ZERO;
+            let mut lateral_force_gradient = DVec3::ZERO;
             let mut stiffness = [DVec3::ZERO; 3];
             for (i, e) in DVec3::AXES.into_iter().enumerate() {
-                let (up, down) = (at(tip + e * h), at(tip - e * h));
+                let (up, down) = (at(tool_position + e * h), at(tool_position - e * h));
                 gradient += e * ((up.energy - down.energy) / (2.0 * h));
-                pull_gradient += e * ((up.pull - down.pull) / (2.0 * h));
+                lateral_force_gradient += e * ((up.lateral_force - down.lateral_force) / (2.0 * h));
                 stiffness[i] = (up.force() - down.force()) / (2.0 * h);
             }
             assert!((gradient - f.force()).length() < 1e-6 * (1.0 + f.force().length()));
 
             let v = if case % 2 == 0 { f.u_t } else { (f.u_t + u.cross(f.u_t) * 0.7).normalize() };
-            let f = site.evaluate(n, tip);
-            let drift = site.drift(n, &f, v);
+            let f = kernel.evaluate(n, tool_position);
+            let drift = kernel.drift(n, &f, v);
             assert!(
                 L::COUPLED
-                    || (pull_gradient.length() - drift.pull_gradient).abs()
-                        < 1e-5 * (1.0 + drift.pull_gradient)
+                    || (lateral_force_gradient.length() - drift.lateral_force_gradient).abs()
+                        < 1e-5 * (1.0 + drift.lateral_force_gradient)
             );
             let bound = drift.lateral_stiffness.max(drift.normal_slope);
             for _ in 0..4 {
@@ -282,15 +301,15 @@ pub(crate) mod tests {
             }
             // Which is what moving along it meets, but for the direction's turning.
             let change = stiffness[0] * f.u_t.x + stiffness[1] * f.u_t.y + stiffness[2] * f.u_t.z;
-            assert!(L::COUPLED || change.dot(f.u_t) > 0.999 * f.pull_slope);
+            assert!(L::COUPLED || change.dot(f.u_t) > 0.999 * f.lateral_slope);
 
             // Along the surface.
-            let rates = site.rates(v).each();
-            let mut moved = |s: f64| site.evaluate([0, 1, 2].map(|i| n[i] + s * rates[i]), tip);
+            let rates = kernel.rates(v).each();
+            let mut moved = |s: f64| kernel.evaluate([0, 1, 2].map(|i| n[i] + s * rates[i]), tool_position);
             let (up, down) = (moved(h), moved(-h));
             let force = (up.force() - down.force()) / (2.0 * h);
             assert!(alike(force, drift.force), "case {case}: {force} {}", drift.force);
-            let left = |f: &Field| f.limit - f.pull * f.u_t.dot(v);
+            let left = |f: &Evaluation| f.limit - f.lateral_force * f.u_t.dot(v);
             let eta = (left(&up) - left(&down)) / (2.0 * h);
             // An isotropic search asks along u_t, or for a first guess only.
             if !L::ISOTROPIC || case % 2 == 0 {

@@ -1,11 +1,11 @@
-//! Slip: at a fixed tip, the contact point moves until the drive is within the friction limit (paper, section 3.2;
+//! Slip: at a fixed tool position, the contact point moves until the drive is within the friction limit (paper, section 3.2;
 //! MODEL 4). One search for all rules, compiled for each of them.
 
 use crate::budget::Budget;
 use crate::drive::{Drive, Rule};
-use crate::field::{Field, Site};
-use crate::lateral::Lateral;
-use crate::walk::{Launch, Stop, launch, walk};
+use crate::force_law::ForceLaw;
+use crate::kernel::{ElementKernel, Evaluation};
+use crate::walk::{StartDirection, Stop, start_direction, walk};
 use glam::{DMat3, DVec3};
 use palpate_body::SurfacePoint;
 use std::marker::PhantomData;
@@ -24,20 +24,20 @@ pub(crate) enum End {
     Border,
     /// Where W had risen by as much as the tank held.
     HeldBack,
-    /// At the edge of a patch, where it waits for the next.
-    Fenced,
+    /// At the edge of a patch, where the contact point waits for the next patch.
+    PatchBoundary,
     /// The step's budget is spent.
     Capped,
 }
 
-/// How far the contact point ran for each newton of drive in the last slips of a contact, m/N; 0 where there was none.
+/// The contact point's displacement for each newton of drive in the last slips of a contact, m/N; 0 where there was none.
 ///
-/// From one step of a drag to the next this changes smoothly: drawn on through the last three values it nearly always
+/// From one step of a drag to the next this changes smoothly: extrapolated from the last three values it nearly always
 /// saves the search its derivative, and often an iterate. It is a first guess and no more.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Pace([f64; 3]);
+pub(crate) struct ComplianceEstimate([f64; 3]);
 
-impl Pace {
+impl ComplianceEstimate {
     #[inline]
     fn guess(self) -> f64 {
         let [a, b, c] = self.0;
@@ -46,79 +46,80 @@ impl Pace {
     }
 
     #[inline]
-    fn learn(&mut self, ease: f64) {
-        self.0 = [ease, self.0[0], self.0[1]];
+    fn learn(&mut self, compliance: f64) {
+        self.0 = [compliance, self.0[0], self.0[1]];
     }
 }
 
-/// How c answers to the drive, ∂c/∂d, from the iterates of a Newton search: Broyden's second method.
+/// The contact point's displacement for a change of the drive, ∂c/∂d, from the iterates of a Newton search: Broyden's second method.
 ///
 /// Where friction is small, c goes to where the drive vanishes in both directions of the plane, and they are not equally
 /// stiff on a curved surface: the scalar secant alone would zigzag.
-struct Answer(DMat3);
+struct InverseJacobian(DMat3);
 
-impl Answer {
+impl InverseJacobian {
     #[inline(always)]
-    fn new(ease: f64) -> Self {
-        Answer(DMat3::from_diagonal(DVec3::splat(ease)))
+    fn new(compliance: f64) -> Self {
+        InverseJacobian(DMat3::from_diagonal(DVec3::splat(compliance)))
     }
 
-    /// The way that would take away a drive of this much.
+    /// The displacement that would cancel this drive.
     #[inline]
-    fn way(&self, drive: DVec3) -> DVec3 {
+    fn displacement(&self, drive: DVec3) -> DVec3 {
         self.0 * drive
     }
 
     /// The way `gone` has taken away `drop`.
     #[inline]
     fn learn(&mut self, gone: DVec3, drop: DVec3) {
-        let p = (gone - self.way(drop)) * (1.0 / drop.length_squared());
+        let p = (gone - self.displacement(drop)) * (1.0 / drop.length_squared());
         self.0 += DMat3::from_cols(p * drop.x, p * drop.y, p * drop.z);
     }
 }
 
-/// The slip search: where the contact point is, what the law reads there, and what is left of the step's budget.
-struct Search<'s, 'a, L: Lateral, R> {
+/// The slip search: the contact point, the law evaluated there, and what is left of the step's budget.
+struct Search<'s, 'a, L: ForceLaw, R> {
     rule: PhantomData<R>,
-    site: &'s mut Site<'a, L>,
-    tip: DVec3,
+    kernel: &'s mut ElementKernel<'a, L>,
+    tool_position: DVec3,
     at: &'s mut SurfacePoint,
-    field: &'s mut Field,
-    /// As the rule reads it there.
+    evaluation: &'s mut Evaluation,
+    /// The drive there.
     drive: Drive,
-    pace: &'s mut Pace,
+    estimate: &'s mut ComplianceEstimate,
     budget: &'s mut Budget,
 }
 
-/// Lets the contact point run from `at`, where the law reads `field` and the rule `drive`. `site` is at's element. Returns
+/// Moves the contact point from `at`, where the law reads `evaluation` and the rule `drive`. `kernel` is at's element. Returns
 /// how it ended, and the drive there.
 #[inline]
-pub(crate) fn slip<L: Lateral, R: Rule>(
-    site: &mut Site<L>,
+pub(crate) fn slip<L: ForceLaw, R: Rule>(
+    kernel: &mut ElementKernel<L>,
     at: &mut SurfacePoint,
-    field: &mut Field,
+    evaluation: &mut Evaluation,
     drive: Drive,
-    tip: DVec3,
-    pace: &mut Pace,
+    tool_position: DVec3,
+    estimate: &mut ComplianceEstimate,
     budget: &mut Budget,
 ) -> (End, Drive) {
-    let mut search = Search { rule: PhantomData::<R>, site, tip, at, field, drive, pace, budget };
+    let mut search =
+        Search { rule: PhantomData::<R>, kernel, tool_position, at, evaluation, drive, estimate, budget };
     (search.run(), search.drive)
 }
 
-impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
+impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
     fn run(&mut self) -> End {
         let mut stalled = 0;
-        while !within(&self.drive, self.field) {
+        while !within(&self.drive, self.evaluation) {
             if self.budget.is_spent() {
                 return End::Capped;
             }
-            let v = match self.launch() {
+            let v = match self.start_direction() {
                 Ok(v) => v,
                 Err(end) => return end,
             };
             let start = *self.at;
-            if self.newton(v, self.pace.guess()) {
+            if self.newton(v, self.estimate.guess()) {
                 stalled = 0;
                 continue;
             }
@@ -129,7 +130,7 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
                 continue;
             }
             self.back_to(start);
-            // Two sides that send the point to each other make no way.
+            // Two sides that send the point back to each other make no progress.
             stalled = if self.line(v) < CLOSED { stalled + 1 } else { 0 };
             if stalled > 2 {
                 return End::Blocked;
@@ -138,43 +139,47 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
         End::Settled
     }
 
-    /// The drive's direction from here, if there is a way: the contact point may stand on an edge or a vertex.
+    /// The drive's direction from here, if it can move: the contact point may lie on an edge or a vertex.
     #[inline]
-    fn launch(&mut self) -> Result<DVec3, End> {
+    fn start_direction(&mut self) -> Result<DVec3, End> {
         let drive = self.drive;
         if self.at.n[0] != 0.0 && self.at.n[1] != 0.0 && self.at.n[2] != 0.0 {
-            return Ok(self.aim());
+            return Ok(self.implicit_direction());
         }
-        let (body, law, tip, budget) = (self.site.body, self.site.law, self.tip, &mut *self.budget);
-        let way = if R::CONTINUOUS && law.is_continuous() && !body.has_creases() {
-            launch(body, *self.at, |_| if budget.cross() { drive.along } else { DVec3::ZERO })
+        let (body, setting, tool_position, budget) =
+            (self.kernel.body, self.kernel.setting, self.tool_position, &mut *self.budget);
+        let start = if R::CONTINUOUS && setting.is_continuous() && !body.has_creases() {
+            start_direction(body, *self.at, |_| if budget.cross() { drive.along } else { DVec3::ZERO })
         } else {
-            launch(body, *self.at, |there| {
+            start_direction(body, *self.at, |there| {
                 if budget.is_spent() {
                     return DVec3::ZERO;
                 }
                 budget.evaluate();
-                let mut site = Site::<L>::new(body, law, there.element);
-                let field = site.evaluate(there.n, tip);
-                R::drive(&mut site, there.n, &field).along
+                let mut kernel = ElementKernel::<L>::new(body, setting, there.element);
+                let evaluation = kernel.evaluate(there.n, tool_position);
+                R::drive(&mut kernel, there.n, &evaluation).along
             })
         };
         // Not all of the directions were tried.
         if self.budget.is_spent() {
             return Err(End::Capped);
         }
-        let (there, v) = match way {
-            Launch::Held => return Err(End::Blocked),
-            Launch::Border => return Err(End::Border),
-            Launch::Fence => return Err(End::Fenced),
+        let (there, v) = match start {
+            StartDirection::Held => return Err(End::Blocked),
+            StartDirection::Border => return Err(End::Border),
+            StartDirection::PatchBoundary => return Err(End::PatchBoundary),
             // On an edge only the component along it drives.
-            Launch::Edge(_, along)
-                if within(&Drive { force: drive.force * drive.along.dot(along), ..drive }, self.field) =>
+            StartDirection::Edge(_, along)
+                if within(
+                    &Drive { force: drive.force * drive.along.dot(along), ..drive },
+                    self.evaluation,
+                ) =>
             {
                 return Err(End::Blocked);
             }
-            Launch::Edge(there, along) => (there, Some(along)),
-            Launch::Along(there) => (there, None),
+            StartDirection::Edge(there, along) => (there, Some(along)),
+            StartDirection::Along(there) => (there, None),
         };
         if there.element != self.at.element {
             *self.at = there;
@@ -183,60 +188,64 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
         Ok(v.unwrap_or(self.drive.along))
     }
 
-    /// Which way the drive leads.
+    /// The implicit step's direction.
     #[inline(always)]
-    fn aim(&self) -> DVec3 {
+    fn implicit_direction(&self) -> DVec3 {
         if R::LATERAL {
-            self.site.aim(self.field)
+            self.kernel.implicit_direction(self.evaluation)
         } else {
-            self.site.lead(self.at.n, self.field, &self.drive)
+            self.kernel.implicit_drive_direction(self.at.n, self.evaluation, &self.drive)
         }
     }
 
-    /// Newton's method on f_r − L, each time along the drive of the moment; the first time with the reciprocal slope
-    /// `ease`, m/N, then with the secant's. Two or three evaluations where the body is smooth. False if it does not
+    /// Newton's method on f_r − L, each time along the current drive; the first time with the reciprocal slope
+    /// `compliance`, m/N, then with the secant's. Two or three evaluations where the body is smooth. False if it does not
     /// close in, and a slower search has to do.
     ///
     /// Its first iterate with the slope f_r' would be the paper's |δr − δs|.
     #[inline]
-    fn newton(&mut self, v: DVec3, ease: f64) -> bool {
-        // Slopes between a tenth and ten times f_r' are believed; and c never has to run much farther than δr.
-        let (stiffness, farthest) = (self.field.pull_slope, 1.5 * self.drive.reach);
-        let believable = |ease: f64| ease * stiffness < 10.0 && ease * stiffness > 0.1;
-        let (mut v, mut ease, mut travelled) = (v, ease, 0.0);
-        let first = self.drive.force * self.drive.along.dot(v) - self.field.limit;
-        let energy = self.field.energy;
+    fn newton(&mut self, v: DVec3, compliance: f64) -> bool {
+        // Slopes between a tenth and ten times f_r' are accepted; and c never has to run much farther than δr.
+        let (stiffness, farthest) = (self.evaluation.lateral_slope, 1.5 * self.drive.step_bound);
+        let believable = |compliance: f64| compliance * stiffness < 10.0 && compliance * stiffness > 0.1;
+        let (mut v, mut compliance, mut travelled) = (v, compliance, 0.0);
+        let first = self.drive.force * self.drive.along.dot(v) - self.evaluation.limit;
+        let energy = self.evaluation.energy;
         let mut excess = first;
         // The paper's rule has the scalar secant alone.
-        let (bent, mut answer) = (L::COUPLED || (L::ISOTROPIC && !R::LATERAL), Answer::new(ease));
+        let (bent, mut answer) =
+            (L::COUPLED || (L::ISOTROPIC && !R::LATERAL), InverseJacobian::new(compliance));
         let mut residual = self.drive.along * first;
-        while !self.budget.is_spent() && believable(ease) && excess * ease <= farthest {
-            let way = excess * ease;
-            let rates = self.site.rates(v * way.signum());
+        while !self.budget.is_spent() && believable(compliance) && excess * compliance <= farthest {
+            let displacement = excess * compliance;
+            let rates = self.kernel.rates(v * displacement.signum());
             let mut stop = Stop::Reached;
-            match rates.inside(self.at.n, way.abs()) {
+            match rates.inside(self.at.n, displacement.abs()) {
                 Some(n) => self.at.n = n,
                 None => {
-                    let v = v * way.signum();
-                    (*self.at, _, stop) = walk(self.site.body, *self.at, v, way.abs(), rates, self.budget);
+                    let v = v * displacement.signum();
+                    (*self.at, _, stop) =
+                        walk(self.kernel.body, *self.at, v, displacement.abs(), rates, self.budget);
                 }
             }
             self.evaluate();
-            travelled += way;
-            // Seen along the old drive: past the root it has changed sides where L is nearly 0.
-            let seen = self.drive.force * self.drive.along.dot(v) - self.field.limit;
-            let now = self.drive.force - self.field.limit;
-            if R::PASSIVE && raised(self.field, energy) {
+            travelled += displacement;
+            // Projected on the old drive: past the root it has changed sides where L is nearly 0.
+            let seen = self.drive.force * self.drive.along.dot(v) - self.evaluation.limit;
+            let now = self.drive.force - self.evaluation.limit;
+            if R::PASSIVE && raised(self.evaluation, energy) {
                 return false;
             }
-            // Past the tip, |f_r| = L has a second root: there friction would push.
-            if self.drive.along.dot(v) < 0.0 && self.field.limit > tolerance(&self.drive, self.field) {
+            // Past the tool, |f_r| = L has a second root: there friction would push.
+            if self.drive.along.dot(v) < 0.0
+                && self.evaluation.limit > tolerance(&self.drive, self.evaluation)
+            {
                 return false;
             }
-            if now.abs() <= tolerance(&self.drive, self.field) {
+            if now.abs() <= tolerance(&self.drive, self.evaluation) {
                 // What is left would be closed by one more iterate: learn as if it had been.
                 if now.abs() < 0.1 * first {
-                    self.pace.learn((travelled + now * ease) / first);
+                    self.estimate.learn((travelled + now * compliance) / first);
                 }
                 return true;
             }
@@ -249,23 +258,26 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
             }
             if bent {
                 let left = self.drive.along * now;
-                answer.learn(v * way, residual - left);
-                let next = answer.way(left);
+                answer.learn(v * displacement, residual - left);
+                let next = answer.displacement(left);
                 let length = next.length();
                 if !(length > 0.0 && length.is_finite()) {
                     return false;
                 }
-                (residual, excess, ease) = (left, now, length / now.abs());
+                (residual, excess, compliance) = (left, now, length / now.abs());
                 v = next * (now.signum() / length);
                 continue;
             }
-            ease = way / (excess - seen);
+            compliance = displacement / (excess - seen);
             (v, excess) = if L::ISOTROPIC {
                 (self.drive.along, now)
             } else {
-                let aim = self.aim();
-                ease *= self.site.turned(self.at.n, v, aim);
-                (aim, self.drive.force * self.drive.along.dot(aim) - self.field.limit)
+                let implicit_direction = self.implicit_direction();
+                compliance *= self.kernel.slope_ratio(self.at.n, v, implicit_direction);
+                (
+                    implicit_direction,
+                    self.drive.force * self.drive.along.dot(implicit_direction) - self.evaluation.limit,
+                )
             };
         }
         false
@@ -279,13 +291,13 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
     #[cold]
     #[inline(never)]
     fn line(&mut self, v: DVec3) -> f64 {
-        let energy = self.field.energy;
-        let excess = |d: &Drive, f: &Field| {
+        let energy = self.evaluation.energy;
+        let excess = |d: &Drive, f: &Evaluation| {
             let excess = d.force * d.along.dot(v) - f.limit;
-            // Over a hump into another valley of the energy: too far, whatever the drive says there.
+            // Beyond an energy maximum, into another minimum: too far, whatever the drive says there.
             if R::PASSIVE && raised(f, energy) { -excess.abs() - 2.0 * tolerance(d, f) } else { excess }
         };
-        let (mut s, mut g) = (0.0, excess(&self.drive, self.field));
+        let (mut s, mut g) = (0.0, excess(&self.drive, self.evaluation));
         if g <= 0.0 {
             return 0.0;
         }
@@ -293,27 +305,29 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
         let mut low = (0.0, *self.at);
         let mut high: Option<(f64, SurfacePoint)> = None;
         let eta = self.eta(v);
-        let slope = if eta > 0.1 * self.field.pull_slope { eta } else { self.field.pull_slope };
+        let slope =
+            if eta > 0.1 * self.evaluation.lateral_slope { eta } else { self.evaluation.lateral_slope };
         // On a curve that has gone flat the slope leads far away; the root lies within about δr.
-        let mut target = (g / slope).min(self.drive.reach);
+        let mut target = (g / slope).min(self.drive.step_bound);
         let mut tries = 0;
         while !self.budget.is_spent() {
-            let way = target - s;
-            let along = v * way.signum();
-            let rates = self.site.rates(along);
-            let (at, walked, stop) = walk(self.site.body, *self.at, along, way.abs(), rates, self.budget);
+            let displacement = target - s;
+            let along = v * displacement.signum();
+            let rates = self.kernel.rates(along);
+            let (at, walked, stop) =
+                walk(self.kernel.body, *self.at, along, displacement.abs(), rates, self.budget);
             *self.at = at;
             self.evaluate_again();
             let (s_before, g_before) = (s, g);
-            s += walked * way.signum();
-            g = excess(&self.drive, self.field);
+            s += walked * displacement.signum();
+            g = excess(&self.drive, self.evaluation);
             tries += 1;
-            if g.abs() <= tolerance(&self.drive, self.field) {
+            if g.abs() <= tolerance(&self.drive, self.evaluation) {
                 return s;
             }
             if g > 0.0 {
                 low = (s, *self.at);
-                if stop != Stop::Reached && way > 0.0 {
+                if stop != Stop::Reached && displacement > 0.0 {
                     return s;
                 }
             } else {
@@ -327,14 +341,14 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
             target = match high {
                 Some((end, there)) if end - low.0 <= CLOSED => {
                     // A jump of the frame or the response: rest on its far side, within the limit.
-                    *self.at = if R::CONTINUOUS { there } else { on_edge(there, self.site.corners()) };
+                    *self.at = if R::CONTINUOUS { there } else { on_edge(there, self.kernel.corners()) };
                     self.evaluate_again();
                     return end;
                 }
                 Some((end, _)) if secant > low.0 && secant < end && tries < 6 => secant,
                 Some((end, _)) => 0.5 * (low.0 + end),
-                None if secant > s && secant < s + 8.0 * way => secant,
-                None => s + 2.0 * way.abs(),
+                None if secant > s && secant < s + 8.0 * displacement => secant,
+                None => s + 2.0 * displacement.abs(),
             };
         }
         *self.at = low.1;
@@ -346,17 +360,17 @@ impl<L: Lateral, R: Rule> Search<'_, '_, L, R> {
     #[inline]
     fn eta(&mut self, v: DVec3) -> f64 {
         self.budget.evaluate();
-        self.site.drift(self.at.n, self.field, v).eta
+        self.kernel.drift(self.at.n, self.evaluation, v).eta
     }
 
     #[inline(always)]
     fn evaluate(&mut self) {
         self.budget.evaluate();
-        if self.site.element != self.at.element {
-            self.site.move_to(self.at.element);
+        if self.kernel.element != self.at.element {
+            self.kernel.move_to(self.at.element);
         }
-        *self.field = self.site.evaluate(self.at.n, self.tip);
-        self.drive = R::drive(self.site, self.at.n, self.field);
+        *self.evaluation = self.kernel.evaluate(self.at.n, self.tool_position);
+        self.drive = R::drive(self.kernel, self.at.n, self.evaluation);
     }
 
     /// The same off the fast path.
@@ -395,23 +409,23 @@ fn on_edge(at: SurfacePoint, [p, q, r]: [DVec3; 3]) -> SurfacePoint {
 
 /// Whether the energy has risen above `energy` by more than rounding.
 #[inline]
-fn raised(field: &Field, energy: f64) -> bool {
-    field.energy > energy + energy.abs() * 1e-14
+fn raised(evaluation: &Evaluation, energy: f64) -> bool {
+    evaluation.energy > energy + energy.abs() * 1e-14
 }
 
 /// Whether a drive is within the limit, up to [`tolerance`].
 #[inline]
-pub(crate) fn within(drive: &Drive, field: &Field) -> bool {
-    drive.force - field.limit <= tolerance(drive, field) || drive.reach <= NO_DEFLECTION
+pub(crate) fn within(drive: &Drive, evaluation: &Evaluation) -> bool {
+    drive.force - evaluation.limit <= tolerance(drive, evaluation) || drive.step_bound <= NO_DEFLECTION
 }
 
-/// A way below this is rounding, m.
+/// A displacement below this is rounding, m.
 const NO_DEFLECTION: f64 = 1e-12;
 
 /// 10⁻⁶ of the limit, a micronewton of a newton, [`NO_DEFLECTION`], and the drive's rounding, N.
 #[inline]
-fn tolerance(drive: &Drive, field: &Field) -> f64 {
-    1e-6 * field.limit + NO_DEFLECTION * field.pull_slope + drive.noise
+fn tolerance(drive: &Drive, evaluation: &Evaluation) -> f64 {
+    1e-6 * evaluation.limit + NO_DEFLECTION * evaluation.lateral_slope + drive.noise
 }
 
 #[cfg(test)]

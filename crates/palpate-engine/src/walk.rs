@@ -4,10 +4,10 @@ use crate::budget::Budget;
 use glam::DVec3;
 use palpate_body::{ContactModel, SurfacePoint};
 
-/// Why a walk ended.
+/// Why a walk over the surface ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Stop {
-    /// The whole way was walked.
+    /// The whole distance was covered.
     Reached,
     /// At an edge or vertex beyond which the drive points back.
     Edge,
@@ -17,17 +17,17 @@ pub(crate) enum Stop {
     Cap,
 }
 
-/// Which way a contact point can start.
+/// Where a contact point can start.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Launch {
+pub(crate) enum StartDirection {
     /// Over the element of the point (it may have changed sides), along the projection of the drive.
     Along(SurfacePoint),
     /// Along an edge, in this unit direction: both sides push back to it.
     Edge(SurfacePoint, DVec3),
     /// Out over the border.
     Border,
-    /// Out over the edge of a patch.
-    Fence,
+    /// Out over a patch's boundary.
+    PatchBoundary,
     /// Nowhere: the drive has no component along any element or edge here.
     Held,
 }
@@ -154,15 +154,15 @@ pub(crate) fn walk(
 /// Where the drive can take a contact point that may stand on an edge or a vertex. `drive` gives the drive as seen
 /// from an element, which differs between the sides where the frame does.
 #[inline]
-pub(crate) fn launch(
+pub(crate) fn start_direction(
     body: &ContactModel,
     at: SurfacePoint,
     drive: impl FnMut(SurfacePoint) -> DVec3,
-) -> Launch {
+) -> StartDirection {
     let on_edge = |i: usize| at.n.get(i).is_some_and(|&n| n == 0.0);
     let zeros = u8::from(on_edge(0)) + u8::from(on_edge(1)) + u8::from(on_edge(2));
     if zeros == 0 {
-        return Launch::Along(at);
+        return StartDirection::Along(at);
     }
     if zeros == 1 {
         let opposite = if on_edge(0) {
@@ -198,23 +198,23 @@ fn from_edge(
     at: SurfacePoint,
     opposite: usize,
     mut drive: impl FnMut(SurfacePoint) -> DVec3,
-) -> Launch {
+) -> StartDirection {
     let corners = body.corners(at.element);
     let v = drive(at);
     if !Rates::new(corners, v).falls(opposite) {
-        return Launch::Along(at);
+        return StartDirection::Along(at);
     }
     let Some((beyond, apex)) = step_over(body, at, opposite) else {
-        let fenced = body.is_fenced(at.element, (opposite + 1) % 3);
-        return if fenced { Launch::Fence } else { Launch::Border };
+        let fenced = body.is_patch_boundary(at.element, (opposite + 1) % 3);
+        return if fenced { StartDirection::PatchBoundary } else { StartDirection::Border };
     };
     let seen_from_there = drive(beyond);
     if !Rates::new(body.corners(beyond.element), seen_from_there).falls(apex) {
-        return Launch::Along(beyond);
+        return StartDirection::Along(beyond);
     }
     let edge = (pick(corners, opposite + 2) - pick(corners, opposite + 1)).normalize_or_zero();
     let along = (v + seen_from_there).dot(edge);
-    if along == 0.0 { Launch::Held } else { Launch::Edge(at, edge * along.signum()) }
+    if along == 0.0 { StartDirection::Held } else { StartDirection::Edge(at, edge * along.signum()) }
 }
 
 fn from_vertex(
@@ -222,9 +222,9 @@ fn from_vertex(
     at: SurfacePoint,
     vertex: usize,
     mut drive: impl FnMut(SurfacePoint) -> DVec3,
-) -> Launch {
+) -> StartDirection {
     // The steepest way up: a sector that holds the projected drive, else an edge.
-    let mut best = (0.0, Launch::Held);
+    let mut best = (0.0, StartDirection::Held);
     let mut fenced = false;
     let closed = body.around(at.element, vertex, |element, corner| {
         let mut n = [0.0; 3];
@@ -232,7 +232,8 @@ fn from_vertex(
             *n = 1.0;
         }
         let here = SurfacePoint { element, n };
-        fenced |= body.is_fenced(element, corner) || body.is_fenced(element, (corner + 2) % 3);
+        fenced |=
+            body.is_patch_boundary(element, corner) || body.is_patch_boundary(element, (corner + 2) % 3);
         let v = drive(here);
         let corners = body.corners(element);
         let rates = Rates::new(corners, v);
@@ -242,21 +243,21 @@ fn from_vertex(
             let velocity = (b - a) * pick(r, corner + 1) + (c - a) * pick(r, corner + 2);
             let ascent = velocity.dot(v).max(0.0).sqrt();
             if ascent > best.0 {
-                best = (ascent, Launch::Along(here));
+                best = (ascent, StartDirection::Along(here));
             }
         }
         let edge = (b - a).normalize_or_zero();
         let ascent = v.dot(edge);
         // An edge counts only where no sector does: a hair's handicap keeps equal sectors before it.
         if ascent > best.0 * (1.0 + 1e-9) {
-            best = (ascent, Launch::Edge(here, edge));
+            best = (ascent, StartDirection::Edge(here, edge));
         }
     });
     match best {
-        (_, Launch::Along(_)) => best.1,
-        _ if fenced => Launch::Fence,
-        _ if !closed => Launch::Border,
-        (ascent, _) if ascent <= 1e-12 => Launch::Held,
+        (_, StartDirection::Along(_)) => best.1,
+        _ if fenced => StartDirection::PatchBoundary,
+        _ if !closed => StartDirection::Border,
+        (ascent, _) if ascent <= 1e-12 => StartDirection::Held,
         _ => best.1,
     }
 }

@@ -17,13 +17,13 @@ proptest! {
     fn a_drag_over_the_boundary_has_no_excess_step(
         seed in any::<u64>(), rule in 0usize..3, radius in prop_oneof![Just(0.0), Just(3e-3)], late in 1u32..60,
     ) {
-        let (mut chance, rule) = (Chance::new(seed), SlipRule::ALL[rule]);
-        let plain = heterogeneous(&ellipsoid(DVec3::splat(0.03), 4), &mut chance, 0.1, 0.2);
+        let (mut random, rule) = (Random::new(seed), SlipRule::ALL[rule]);
+        let plain = heterogeneous(&ellipsoid(DVec3::splat(0.03), 4), &mut random, 0.1, 0.2);
         let tool = palpate_body::Tool::Sphere { radius_m: radius };
         let tool = if radius > 0.0 { tool } else { palpate_body::Tool::Point };
         let body = palpate_body::Body::new(palpate_body::BodyParts { tool, slip: rule, ..plain.parts() }).unwrap().with_tank(false);
         let mut contact = Contact::with_slip(&body, rule, Ablation::None);
-        let (along, stride) = (chance.range(0.0, 6.0), chance.range(2e-5, 3e-4));
+        let (along, stride) = (random.range(0.0, 6.0), random.range(2e-5, 3e-4));
         let at = |k: u32| {
             // Down by 2 mm in 200 steps, then over the ball.
             let height = 0.03 + radius - 2e-3 * f64::from(k.min(200)) / 200.0 + 1e-6;
@@ -38,7 +38,7 @@ proptest! {
             let c = o.contact;
             prop_assert!(!o.flags.has(Flags::BORDER) && !o.flags.has(Flags::CAPPED) && (k < 5 || c.is_some()), "{k}: {:?}", o.flags);
             prop_assert!(imbalance(&o) < 1e-9);
-            if o.flags.has(Flags::FENCED) {
+            if o.flags.has(Flags::PATCH_BOUNDARY) {
                 waited += 1;
                 // Friction, and for two of the rules what W's change along the surface takes.
                 let u = patch.model().inward(contact.touching().unwrap());
@@ -54,7 +54,7 @@ proptest! {
                 let excess = (force(&o) - last).length() - 3.0 * m.max(l) * at(k).distance(at(k - 1));
                 let mere = if rule == SlipRule::Exact { 5e-3 } else { 1e-4 };
                 prop_assert!(excess < mere, "{k}: {excess} N, {:?}", o.flags);
-                judged += u32::from(o.flags.has(Flags::FENCED));
+                judged += u32::from(o.flags.has(Flags::PATCH_BOUNDARY));
             }
             last = bound.map(|l| (force(&o), l));
             if since >= late {

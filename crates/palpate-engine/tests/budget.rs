@@ -23,14 +23,14 @@ fn fan(valence: u32, height: f64) -> TriangleMesh {
     mesh
 }
 
-fn mesh(kind: usize, chance: &mut Chance) -> TriangleMesh {
+fn mesh(kind: usize, random: &mut Random) -> TriangleMesh {
     match kind {
-        0 => fan(3 + chance.below(20) as u32, chance.range(-5e-3, 0.02)),
-        1 => fan(64 + chance.below(192) as u32, chance.range(-5e-3, 0.02)),
-        2 => block(DVec3::splat(0.02), 1 + chance.below(4)),
+        0 => fan(3 + random.below(20) as u32, random.range(-5e-3, 0.02)),
+        1 => fan(64 + random.below(192) as u32, random.range(-5e-3, 0.02)),
+        2 => block(DVec3::splat(0.02), 1 + random.below(4)),
         3 => {
             let mut rough = ellipsoid(DVec3::splat(0.02), 2);
-            rough.positions.iter_mut().for_each(|p| *p *= chance.range(0.85, 1.15));
+            rough.positions.iter_mut().for_each(|p| *p *= random.range(0.85, 1.15));
             rough
         }
         _ => {
@@ -43,36 +43,40 @@ fn mesh(kind: usize, chance: &mut Chance) -> TriangleMesh {
 }
 
 /// Each node its own stiffness and friction, and half of the bodies stretched or with creases.
-fn body(mesh: &TriangleMesh, radius_m: f64, chance: &mut Chance) -> Option<Body> {
-    let surface = Surface::build(mesh, if chance.below(2) == 0 { 0.4 } else { f64::INFINITY }).ok()?;
-    let waves = [(); 3].map(|()| chance.direction() * chance.range(50.0, 2000.0));
-    let friction = chance.range(0.0, 0.8);
-    let feel = Feel {
+fn body(mesh: &TriangleMesh, radius_m: f64, random: &mut Random) -> Option<Body> {
+    let surface = Surface::build(mesh, if random.below(2) == 0 { 0.4 } else { f64::INFINITY }).ok()?;
+    let waves = [(); 3].map(|()| random.direction() * random.range(50.0, 2000.0));
+    let friction = random.range(0.0, 0.8);
+    let material = Material {
         kz: &|p| 600.0 * (1.0 + 0.8 * libm::sin(p.dot(waves[0]))),
         kr: &|p| 500.0 * (1.0 + 0.8 * libm::sin(p.dot(waves[1]))),
         friction: &|p| friction * (1.0 + 0.9 * libm::sin(p.dot(waves[2]))),
         radius_m,
     };
-    let fibres = fibres(chance, 20.0);
-    Some(if chance.below(2) == 0 { body_of(surface, feel) } else { stretched(surface, feel, Some(&fibres)) })
+    let fibres = fibres(random, 20.0);
+    Some(if random.below(2) == 0 {
+        body_of(surface, material)
+    } else {
+        stretched(surface, material, Some(&fibres))
+    })
 }
 
 /// Random leaps over, onto and through the body, on its vertices and edges above all: the most that a step took, and how
 /// many were cut short.
-fn worst(body: &Body, rule: SlipRule, chance: &mut Chance) -> Result<(u64, u64), TestCaseError> {
+fn worst(body: &Body, rule: SlipRule, random: &mut Random) -> Result<(u64, u64), TestCaseError> {
     let radius = body.tool().radius_m();
     let mut contact = Contact::new(&ruled(body, rule));
     let (body, mut most) = (ruled(body, rule), 0);
     let mut last = *contact.counters();
     let mut x = DVec3::Z * 0.08;
     for _ in 0..300 {
-        x = match chance.below(4) {
-            0 => (x + chance.direction() * chance.range(1e-6, 2e-2)).clamp_length_max(0.08),
-            1 => (x + chance.direction() * 1e-4).clamp_length_max(0.08),
+        x = match random.below(4) {
+            0 => (x + random.direction() * random.range(1e-6, 2e-2)).clamp_length_max(0.08),
+            1 => (x + random.direction() * 1e-4).clamp_length_max(0.08),
             _ => {
-                let [a, b, c] = body.corners(chance.below(body.elements().len()) as u32);
-                let p = [a, a + (b - a) * chance.unit(), (a + b + c) / 3.0][chance.below(3)];
-                p + p.normalize() * (radius + chance.range(-8e-3, 1e-3))
+                let [a, b, c] = body.corners(random.below(body.elements().len()) as u32);
+                let p = [a, a + (b - a) * random.unit(), (a + b + c) / 3.0][random.below(3)];
+                p + p.normalize() * (radius + random.range(-8e-3, 1e-3))
             }
         };
         let o = step(&mut contact, &body, x);
@@ -94,11 +98,11 @@ proptest! {
     fn no_step_takes_more_than_its_budget(
         seed in any::<u64>(), kind in 0usize..5, rule in 0usize..3, radius in prop_oneof![Just(0.0), 1e-3f64..5e-3],
     ) {
-        let mut chance = Chance::new(seed);
-        let mesh = mesh(kind, &mut chance);
-        let body = body(&mesh, radius, &mut chance);
+        let mut random = Random::new(seed);
+        let mesh = mesh(kind, &mut random);
+        let body = body(&mesh, radius, &mut random);
         prop_assume!(body.is_some());
-        let (most, _) = worst(&body.unwrap(), SlipRule::ALL[rule], &mut chance)?;
+        let (most, _) = worst(&body.unwrap(), SlipRule::ALL[rule], &mut random)?;
         prop_assert!(most <= BUDGET, "{most}");
     }
 }
@@ -108,10 +112,10 @@ proptest! {
 fn the_budget_is_spent_on_the_worst_surfaces() {
     let (mut most, mut capped) = (0, 0);
     for seed in 0..60 {
-        let mut chance = Chance::new(seed);
-        let mesh = mesh(1, &mut chance);
-        let Some(body) = body(&mesh, 0.0, &mut chance) else { continue };
-        let (took, cut) = worst(&body, SlipRule::Exact, &mut chance).unwrap();
+        let mut random = Random::new(seed);
+        let mesh = mesh(1, &mut random);
+        let Some(body) = body(&mesh, 0.0, &mut random) else { continue };
+        let (took, cut) = worst(&body, SlipRule::Exact, &mut random).unwrap();
         (most, capped) = (most.max(took), capped + cut);
     }
     assert!(most > BUDGET / 2 && most <= BUDGET && capped > 0, "{most} {capped}");

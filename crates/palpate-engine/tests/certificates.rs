@@ -6,7 +6,7 @@ mod common;
 use common::*;
 use glam::DVec3;
 use palpate_body::{Body, SlipRule, TriangleMesh};
-use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, Patch, ROUNDING, least};
+use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, ElementStates, ROUNDING, least};
 use palpate_engine::{Contact, Flags, Output};
 
 /// The tool's longest step here.
@@ -17,7 +17,7 @@ fn assumptions(slip: SlipRule) -> Assumptions {
 }
 
 fn bounds(criterion: Criterion, body: &Body, element: u32, evaluations: u32) -> Bounds {
-    let patch = Patch::new(body, element, &assumptions(body.slip()));
+    let patch = ElementStates::new(body, element, &assumptions(body.slip()));
     let absolute = if criterion == Criterion::Passive { 0.02 } else { 20.0 };
     least(criterion, &patch, &patch.cells(), Effort { evaluations, absolute, relative: 0.2 })
 }
@@ -55,11 +55,11 @@ struct Seen {
 }
 
 /// A path that presses, drags about within the certificate's depth and step, and comes back; every step is judged.
-fn judge(body: &Body, proved: &Proved, chance: &mut Chance, steps: usize, seen: &mut Seen) {
-    let nodes = body.element_nodes(chance.below(body.elements().len()) as u32);
+fn judge(body: &Body, proved: &Proved, random: &mut Random, steps: usize, seen: &mut Seen) {
+    let nodes = body.element_nodes(random.below(body.elements().len()) as u32);
     let centre = (nodes[0].position + nodes[1].position + nodes[2].position) / 3.0;
     let (mut x, mut v) = (centre - nodes[0].inward * 1e-3, nodes[0].inward);
-    let speed = STEP * chance.range(0.02, 0.99);
+    let speed = STEP * random.range(0.02, 0.99);
     let mut contact = Contact::new(body);
     let mut last: Option<(DVec3, Output)> = None;
     for _ in 0..steps {
@@ -77,7 +77,7 @@ fn judge(body: &Body, proved: &Proved, chance: &mut Chance, steps: usize, seen: 
             None if nearest.distance > 5e-4 => home,
             _ => DVec3::ZERO,
         };
-        v = (v + chance.direction() * 0.3 + pull * 0.6).normalize();
+        v = (v + random.direction() * 0.3 + pull * 0.6).normalize();
         x += v * speed;
     }
 }
@@ -128,30 +128,30 @@ fn judge_step(body: &Body, proved: &Proved, from: (DVec3, &Output), to: (DVec3, 
 }
 
 /// Smooth shapes and rough ones.
-fn mesh(kind: usize, chance: &mut Chance) -> TriangleMesh {
-    let size = chance.range(0.025, 0.04);
+fn mesh(kind: usize, random: &mut Random) -> TriangleMesh {
+    let size = random.range(0.025, 0.04);
     match kind {
         0 => ellipsoid(DVec3::splat(size), 2),
-        1 => ellipsoid(DVec3::new(size, chance.range(0.025, 0.04), chance.range(0.025, 0.04)), 2),
+        1 => ellipsoid(DVec3::new(size, random.range(0.025, 0.04), random.range(0.025, 0.04)), 2),
         2 => torus(0.05, 0.018, 30, 14),
-        3 => cylinder(size, 0.1, 12 + chance.below(24), 8),
-        4 => block(DVec3::splat(size), 1 + chance.below(3)),
-        _ => patch(0.08, 2 + chance.below(6)),
+        3 => cylinder(size, 0.1, 12 + random.below(24), 8),
+        4 => block(DVec3::splat(size), 1 + random.below(3)),
+        _ => patch(0.08, 2 + random.below(6)),
     }
 }
 
 fn promises(rule: SlipRule, bodies: usize, steps: usize, evaluations: u32) -> Seen {
     let mut seen = Seen::default();
     for case in 0..bodies {
-        let mut chance = Chance::new(400 + case as u64);
-        let mesh = mesh(case % 6, &mut chance);
+        let mut random = Random::new(400 + case as u64);
+        let mesh = mesh(case % 6, &mut random);
         let friction = [0.5, 0.25, 0.1, 0.0][case / 6 % 4];
         let ratio = if case % 3 == 1 { 1.8 } else { 1.0 };
-        let spread = chance.range(0.0, 0.3);
-        let body = ruled(&anisotropic(&mesh, &mut chance, spread, friction, ratio), rule);
+        let spread = random.range(0.0, 0.3);
+        let body = ruled(&anisotropic(&mesh, &mut random, spread, friction, ratio), rule);
         let proved = Proved::of(&body, evaluations);
         for _ in 0..10 {
-            judge(&body, &proved, &mut chance, steps / 10 / bodies, &mut seen);
+            judge(&body, &proved, &mut random, steps / 10 / bodies, &mut seen);
         }
     }
     seen
@@ -215,7 +215,7 @@ fn a_cube_snaps_and_a_frictionless_ball_is_not_passive() {
     let deep = Assumptions { depth_m: None, ..assumptions(SlipRule::Paper) };
     let effort = Effort { evaluations: 500, absolute: 1.0, relative: 0.1 };
     let snap = |e| {
-        let patch = Patch::new(&cube, e, &deep);
+        let patch = ElementStates::new(&cube, e, &deep);
         least(Criterion::SnapFree, &patch, &patch.cells(), effort).found < -ROUNDING
     };
     assert!((0..cube.elements().len() as u32).filter(|&e| snap(e)).count() > 20);

@@ -23,16 +23,16 @@ fn mesh(kind: usize) -> TriangleMesh {
 }
 
 /// One of them, each node its own test point or few test points for all.
-fn body(chance: &mut Chance, kind: usize, friction: f64) -> Body {
-    let radius_m = if chance.unit() < 0.5 { 0.0 } else { chance.range(2e-3, 5e-3) };
-    let own = coupled(&mesh(kind), chance, 0.25, friction, radius_m);
-    if chance.unit() < 0.5 { own } else { sparse(&own, 5) }
+fn body(random: &mut Random, kind: usize, friction: f64) -> Body {
+    let radius_m = if random.unit() < 0.5 { 0.0 } else { random.range(2e-3, 5e-3) };
+    let own = coupled(&mesh(kind), random, 0.25, friction, radius_m);
+    if random.unit() < 0.5 { own } else { sparse(&own, 5) }
 }
 
 /// Above the middle of a random element that is away from borders, and the way in.
-fn place(body: &Body, chance: &mut Chance) -> (DVec3, DVec3) {
+fn place(body: &Body, random: &mut Random) -> (DVec3, DVec3) {
     loop {
-        let element = chance.below(body.elements().len()) as u32;
+        let element = random.below(body.elements().len()) as u32;
         let [a, b, c] = body.element_nodes(element);
         let p = (a.position + b.position + c.position) / 3.0;
         let inward = (a.inward + b.inward + c.inward).normalize();
@@ -51,15 +51,15 @@ proptest! {
     /// Stick loops do no work, at any lateral deflection within and beyond the range.
     #[test]
     fn a_loop_in_stick_does_no_work(seed in any::<u64>(), kind in 0usize..5, far in 0.2f64..6.0) {
-        let mut chance = Chance::new(seed);
-        let body = body(&mut chance, kind, 1e6);
-        let (p, inward) = place(&body, &mut chance);
+        let mut random = Random::new(seed);
+        let body = body(&mut random, kind, 1e6);
+        let (p, inward) = place(&body, &mut random);
         let mut contact = Contact::new(&body);
         let start = p + inward * 4e-3;
         step(&mut contact, &body, p - inward * 1e-3);
         let begin = step(&mut contact, &body, start);
         prop_assume!(begin.flags.has(Flags::IN_CONTACT));
-        let (a, b) = (chance.direction(), chance.direction());
+        let (a, b) = (random.direction(), random.direction());
         let [a, b] = [a - inward * a.dot(inward), b - inward * b.dot(inward) * 0.8].map(|v| v * (far * RANGE_M));
         let (mut moved, mut before, mut farthest) = (0.0, begin.energy.work_j, 0.0f64);
         for i in 1..=2000 {
@@ -79,23 +79,23 @@ proptest! {
     /// The force is the energy's gradient in stick: W's difference over a small step.
     #[test]
     fn in_stick_the_force_is_the_energys_gradient(seed in any::<u64>(), kind in 0usize..5) {
-        let mut chance = Chance::new(seed);
-        let body = body(&mut chance, kind, 1e6);
-        let (p, inward) = place(&body, &mut chance);
+        let mut random = Random::new(seed);
+        let body = body(&mut random, kind, 1e6);
+        let (p, inward) = place(&body, &mut random);
         let mut contact = Contact::new(&body);
         let mut x = p - inward * 1e-3;
         step(&mut contact, &body, x);
-        x = p + inward * 3e-3 + chance.direction() * 1e-3;
+        x = p + inward * 3e-3 + random.direction() * 1e-3;
         let begin = step(&mut contact, &body, x);
         prop_assume!(begin.flags.has(Flags::IN_CONTACT));
         for _ in 0..50 {
-            let h = chance.direction() * 1e-7;
+            let h = random.direction() * 1e-7;
             let (mut up, mut down) = (contact.clone(), contact.clone());
             let (a, b) = (step(&mut up, &body, x + h), step(&mut down, &body, x - h));
             let slope = (a.energy.stored_j - b.energy.stored_j) / (2.0 * h.length());
             let here = step(&mut contact, &body, x);
             prop_assert!((slope + force(&here).dot(h.normalize())).abs() < 1e-5 * (0.01 + force(&here).length()));
-            x += chance.direction() * 1e-4;
+            x += random.direction() * 1e-4;
         }
     }
 
@@ -103,12 +103,12 @@ proptest! {
     /// is found in few evaluations.
     #[test]
     fn press_drag_and_release_are_continuous(seed in any::<u64>(), kind in 0usize..5, rule in 0usize..2, mu in 0.05f64..0.6) {
-        let mut chance = Chance::new(seed);
-        let body = body(&mut chance, kind, mu);
+        let mut random = Random::new(seed);
+        let body = body(&mut random, kind, mu);
         let rule = [SlipRule::Paper, SlipRule::Consistent][rule];
-        let (p, inward) = place(&body, &mut chance);
+        let (p, inward) = place(&body, &mut random);
         let mut contact = Contact::with_slip(&body, rule, Ablation::None).with_tank(false);
-        let side = inward.cross(chance.direction()).normalize();
+        let side = inward.cross(random.direction()).normalize();
         let mut path = vec![];
         for i in 0..=400 { path.push(p + inward * (-3e-4 + 1e-5 * f64::from(i))); }
         for i in 0..=600 { path.push(p + inward * 3.7e-3 + side * (1e-5 * f64::from(i))); }
@@ -137,11 +137,11 @@ proptest! {
 #[test]
 fn a_stuck_contact_releases_continuously() {
     for seed in 0..40 {
-        let mut chance = Chance::new(seed);
-        let body = body(&mut chance, seed as usize % 5, 0.8);
-        let (p, inward) = place(&body, &mut chance);
+        let mut random = Random::new(seed);
+        let body = body(&mut random, seed as usize % 5, 0.8);
+        let (p, inward) = place(&body, &mut random);
         let mut contact = Contact::new(&body);
-        let side = inward.cross(chance.direction()).normalize() * 1.5e-3;
+        let side = inward.cross(random.direction()).normalize() * 1.5e-3;
         step(&mut contact, &body, p - inward * 1e-3);
         step(&mut contact, &body, p + inward * 2e-3);
         let mut last = force(&step(&mut contact, &body, p + inward * 2e-3 + side));
@@ -187,7 +187,7 @@ fn a_decoupled_law_is_a_special_case() {
     }
 }
 
-/// A stuck stiffness that falls with depth takes f_z to 0 far aside, at a positive depth. The limit is 0 there: the contact
+/// A stuck stiffness that falls with depth takes f_z to 0 far laterally, at a positive depth. The limit is 0 there: the contact
 /// point follows, no force jumps, and the contact goes on.
 #[test]
 fn where_the_normal_force_vanishes_the_contact_goes_on() {

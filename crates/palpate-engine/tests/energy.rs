@@ -15,7 +15,7 @@ fn a_frictionless_drag_from_soft_to_stiff_yields_the_difference() {
         let stiffness = |p: DVec3| 600.0 * (1.0 + 0.5 * p.x / 0.03);
         let body = body_of(
             Surface::build(&mesh, f64::INFINITY).unwrap(),
-            Feel { kz: &stiffness, kr: &|_| 500.0, friction: &|_| 0.0, radius_m: 0.0 },
+            Material { kz: &stiffness, kr: &|_| 500.0, friction: &|_| 0.0, radius_m: 0.0 },
         );
         let depth = 8e-3;
         let at = |angle: f64, r: f64| DVec3::new(r * libm::cos(angle), r * libm::sin(angle), 0.0);
@@ -48,21 +48,25 @@ fn a_frictionless_drag_from_soft_to_stiff_yields_the_difference() {
 /// On a closed lap the stiffness gradient gives back what it took; friction only takes.
 #[test]
 fn friction_dissipates_and_generates_nothing_on_a_plane() {
-    let feel = Feel { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| 0.3, radius_m: 0.0 };
+    let material = Material { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| 0.3, radius_m: 0.0 };
     for ratio in [1.0, 1.9, 10.0, 100.0] {
         let surface = Surface::build(&patch(0.1, 6), f64::INFINITY).unwrap();
         let axis = DVec3::new(0.6, 0.8, 0.0);
-        wander_on_a_plane(&stretched(surface, feel, Some(&|_, u| tensor::along(axis, ratio, u).unwrap())));
+        wander_on_a_plane(&stretched(
+            surface,
+            material,
+            Some(&|_, u| tensor::along(axis, ratio, u).unwrap()),
+        ));
     }
 }
 
 fn wander_on_a_plane(body: &Body) {
     let mut contact = Contact::new(body);
-    let mut chance = Chance::new(4);
+    let mut random = Random::new(4);
     let mut x = DVec3::new(0.0, 0.0, 1e-3);
     let mut last = step(&mut contact, body, x);
     for i in 0..5000 {
-        x += chance.direction() * 2e-4;
+        x += random.direction() * 2e-4;
         x = x.clamp(DVec3::new(-0.03, -0.03, -4e-3), DVec3::new(0.03, 0.03, 2e-3));
         if i < 10 {
             x.z -= 2e-4;
@@ -107,7 +111,8 @@ fn at_a_border_the_contact_releases() {
 #[test]
 fn creases_keep_faces_apart() {
     let surface = Surface::build(&block(DVec3::splat(0.02), 4), 0.5).unwrap();
-    let body = body_of(surface, Feel { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| 0.3, radius_m: 0.0 });
+    let body =
+        body_of(surface, Material { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| 0.3, radius_m: 0.0 });
     let normal = 6e4 * 4e-6;
     for face in 0..3 {
         // Faces and ways in turn: +z along x, +x along y, +y along z.
@@ -130,14 +135,14 @@ fn creases_keep_faces_apart() {
             farthest = farthest.max(along(c.position_m, DVec3::X));
             touched += 1;
         }
-        // The contact point follows by L/k_r, and is at the edge when the tip is as much beyond it.
+        // The contact point follows by L/k_r, and is at the edge when the tool is as much beyond it.
         let stop = 0.3 * normal / 500.0;
         assert!(touched > 400 && farthest > 0.02 - 1e-4 && farthest <= 0.02, "{touched} {farthest}");
         assert!((left.unwrap() - (0.02 + stop)).abs() < 1e-4, "{left:?}");
     }
 }
 
-/// A concave corner: leaving one wall while inside the other, the tip touches that one at once.
+/// A concave corner: leaving one wall while inside the other, the tool touches that one at once.
 #[test]
 fn a_tip_in_a_valley_finds_the_other_wall() {
     let mut mesh = patch(0.06, 8);
@@ -145,7 +150,8 @@ fn a_tip_in_a_valley_finds_the_other_wall() {
         p.z = 0.8 * p.x.abs();
     }
     let surface = Surface::build(&mesh, 0.3).unwrap();
-    let body = body_of(surface, Feel { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| 0.2, radius_m: 0.0 });
+    let body =
+        body_of(surface, Material { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| 0.2, radius_m: 0.0 });
     let mut contact = Contact::new(&body);
     step(&mut contact, &body, DVec3::new(0.01, 0.001, 0.012));
     let mut both = [false; 2];

@@ -16,7 +16,7 @@ fn pressed(body: &Body) -> (Contact, DVec3) {
 }
 
 fn ball() -> Body {
-    heterogeneous(&ellipsoid(DVec3::splat(0.03), 3), &mut Chance::new(1), 0.3, 0.3)
+    heterogeneous(&ellipsoid(DVec3::splat(0.03), 3), &mut Random::new(1), 0.3, 0.3)
 }
 
 /// A quaternion of any length was taken for a rotation.
@@ -72,9 +72,9 @@ fn another_body_gives_no_force_and_says_so() {
     let body = ball();
     let (contact, x) = pressed(&body);
     let others = [
-        heterogeneous(&ellipsoid(DVec3::splat(0.03), 3), &mut Chance::new(2), 0.3, 0.3),
-        heterogeneous(&ellipsoid(DVec3::new(0.03, 0.03, 0.031), 3), &mut Chance::new(1), 0.3, 0.3),
-        heterogeneous(&ellipsoid(DVec3::splat(0.03), 2), &mut Chance::new(1), 0.3, 0.3),
+        heterogeneous(&ellipsoid(DVec3::splat(0.03), 3), &mut Random::new(2), 0.3, 0.3),
+        heterogeneous(&ellipsoid(DVec3::new(0.03, 0.03, 0.031), 3), &mut Random::new(1), 0.3, 0.3),
+        heterogeneous(&ellipsoid(DVec3::splat(0.03), 2), &mut Random::new(1), 0.3, 0.3),
         Body::new(BodyParts { tool: palpate_body::Tool::Sphere { radius_m: 2e-3 }, ..body.parts() }).unwrap(),
         Body::new(BodyParts {
             responses: body
@@ -102,7 +102,7 @@ fn another_body_gives_no_force_and_says_so() {
 fn a_bodys_patches_and_files_are_the_same_body() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.body");
-    let mut rng = Chance::new(3);
+    let mut rng = Random::new(3);
     for body in [
         ball(),
         anisotropic(&patch(0.08, 7), &mut rng, 0.3, 0.2, 3.0),
@@ -116,7 +116,7 @@ fn a_bodys_patches_and_files_are_the_same_body() {
         let identities = [
             opened.identity(),
             ruled(&body, SlipRule::Exact).identity(),
-            stored.outline().identity(),
+            stored.model_header().identity(),
             read.model().identity(),
             Patch::new(&body, [0.0; 3], 20).model().identity(),
         ];

@@ -42,7 +42,7 @@ struct Case {
     ablation: Ablation,
     radius_m: f64,
     friction: f64,
-    /// So many times as stiff sideways in one direction as in the other.
+    /// So many times as stiff laterally in one direction as in the other.
     ratio: f64,
     /// A test point at one vertex in so many.
     share: usize,
@@ -65,7 +65,7 @@ const POINT: Case = Case {
     coupled: false,
 };
 
-/// Every rule for a point and a sphere, for isotropic and anisotropic bodies, on curves of several knots with mixes that
+/// Every rule for a point and a sphere, for isotropic and anisotropic bodies, on curves of several knots with blends that
 /// neighbours share or that go far.
 const CASES: [Case; 25] = [
     POINT,
@@ -101,17 +101,17 @@ impl Case {
     fn body(&self) -> Body {
         let mesh = ellipsoid(DVec3::new(0.03, 0.029, 0.031), 2);
         if self.coupled {
-            let body = coupled::coupled(&mesh, &mut Chance::new(11), 0.25, self.friction, self.radius_m);
+            let body = coupled::coupled(&mesh, &mut Random::new(11), 0.25, self.friction, self.radius_m);
             return if self.share == 1 { body } else { coupled::sparse(&body, self.share) };
         }
         let surface = palpate_body::Surface::build(&mesh, f64::INFINITY).unwrap();
         let kz = |p: DVec3| 600.0 * (1.0 + 0.4 * p.x / 0.03 - 0.2 * p.y * p.z / 9e-4);
         let kr = |p: DVec3| 500.0 * (1.0 + 0.3 * p.z / 0.03);
-        let feel = Feel { kz: &kz, kr: &kr, friction: &|_| self.friction, radius_m: self.radius_m };
+        let material = Material { kz: &kz, kr: &kr, friction: &|_| self.friction, radius_m: self.radius_m };
         let fibres =
             |p: DVec3, u: DVec3| tensor::along(DVec3::new(0.3, 0.2, 0.4) + p * 5.0, self.ratio, u).unwrap();
         let fibres = (self.ratio != 1.0).then_some(&fibres as &dyn Fn(DVec3, DVec3) -> Tensor);
-        let body = stretched(surface, feel, fibres);
+        let body = stretched(surface, material, fibres);
         if self.share == 1 { body } else { self.mixed(body) }
     }
 
@@ -132,8 +132,8 @@ impl Case {
             }
         };
         let responses = points.iter().map(bend).collect();
-        let mixes = spread(&parts.surface, &points).unwrap();
-        Body::new(BodyParts { mixes, responses, test_point_nodes: points, ..parts }).unwrap()
+        let blends = spread(&parts.surface, &points).unwrap();
+        Body::new(BodyParts { blends, responses, test_point_nodes: points, ..parts }).unwrap()
     }
 
     fn trace(&self) -> Vec<Output> {

@@ -11,21 +11,21 @@ use common::made::{Making, made_body};
 use common::*;
 use glam::{DMat3, DQuat, DVec3};
 use palpate_body::{
-    Body, BodyParts, CoupledLaw, NodeMix, Potential, SlipRule, Surface, Tensor, TriangleMesh, tensor,
+    BlendWeights, Body, BodyParts, CoupledLaw, Potential, SlipRule, Surface, Tensor, TriangleMesh, tensor,
 };
 use palpate_engine::{Contact, Flags, Output};
 use proptest::prelude::*;
 
 /// Polyhedra, icospheres, ellipsoids, tori, open patches.
-fn mesh(kind: usize, chance: &mut Chance) -> TriangleMesh {
-    let size = chance.range(0.02, 0.04);
+fn mesh(kind: usize, random: &mut Random) -> TriangleMesh {
+    let size = random.range(0.02, 0.04);
     match kind {
-        0 => ellipsoid(DVec3::splat(size), 1 + chance.below(3)),
-        1 => ellipsoid(DVec3::new(size, chance.range(0.02, 0.04), chance.range(0.02, 0.04)), 2),
+        0 => ellipsoid(DVec3::splat(size), 1 + random.below(3)),
+        1 => ellipsoid(DVec3::new(size, random.range(0.02, 0.04), random.range(0.02, 0.04)), 2),
         2 => torus(0.04, 0.4 * size, 24, 12),
-        3 => cylinder(size, 0.1, 12 + chance.below(24), 11),
-        4 => block(DVec3::splat(size), 1 + chance.below(4)),
-        _ => patch(0.08, 2 + chance.below(10)),
+        3 => cylinder(size, 0.1, 12 + random.below(24), 11),
+        4 => block(DVec3::splat(size), 1 + random.below(4)),
+        _ => patch(0.08, 2 + random.below(10)),
     }
 }
 
@@ -40,7 +40,7 @@ enum Make {
     Made,
     /// A coupled potential for each node.
     Coupled,
-    /// Few coupled potentials, so that elements mix three to nine.
+    /// Few coupled potentials, so that elements blend three to nine.
     Sparse,
 }
 
@@ -59,19 +59,19 @@ struct Kind {
 
 impl Kind {
     /// Without the tank: what it holds back may jump when it lets go.
-    fn body(self, chance: &mut Chance, spread: f64, friction: f64) -> Body {
+    fn body(self, random: &mut Random, spread: f64, friction: f64) -> Body {
         let Kind { make, rule: slip, ratio, .. } = self;
-        let mesh = mesh(self.mesh, chance);
+        let mesh = mesh(self.mesh, random);
         if make == Make::Plain {
-            return ruled(&anisotropic(&mesh, chance, spread, friction, ratio), slip);
+            return ruled(&anisotropic(&mesh, random, spread, friction, ratio), slip);
         }
-        let radius_m = if chance.below(2) == 0 { 0.0 } else { chance.range(1e-3, 6e-3) };
+        let radius_m = if random.below(2) == 0 { 0.0 } else { random.range(1e-3, 6e-3) };
         if make == Make::Made {
             let bare = friction < 1.0;
-            return made_body(&mesh, chance, &Making { spread, friction, bare, ratio, radius_m, slip });
+            return made_body(&mesh, random, &Making { spread, friction, bare, ratio, radius_m, slip });
         }
-        let own = ruled(&coupled(&mesh, chance, spread, friction, radius_m), slip);
-        let body = if make == Make::Coupled { own } else { sparse(&own, 2 + chance.below(8)) };
+        let own = ruled(&coupled(&mesh, random, spread, friction, radius_m), slip);
+        let body = if make == Make::Coupled { own } else { sparse(&own, 2 + random.below(8)) };
         body.with_tank(false)
     }
 
@@ -96,12 +96,12 @@ fn kinds(rules: usize, ratios: impl Strategy<Value = f64>) -> impl Strategy<Valu
 }
 
 /// A path that wanders over a body.
-fn wander(body: &Body, chance: &mut Chance, speed: f64, steps: usize) -> Vec<DVec3> {
-    let (mut w, mut contact) = (Wander::new(body, chance, speed), Contact::new(body));
+fn wander(body: &Body, random: &mut Random, speed: f64, steps: usize) -> Vec<DVec3> {
+    let (mut w, mut contact) = (Wander::new(body, random, speed), Contact::new(body));
     let mut path = vec![w.x];
     for _ in 0..steps {
         let output = step(&mut contact, body, w.x);
-        path.push(w.next(&output, body, chance));
+        path.push(w.next(&output, body, random));
     }
     path
 }
@@ -138,11 +138,11 @@ fn snaps(contact: &Contact, body: &Body, o: &Output) -> bool {
 fn the_ledger_balances() {
     let judged = Judged::default();
     proptest!(cases(160), |(seed in any::<u64>(), kind in kinds(3, ratio(100.0)), speed in 0.002f64..2.0)| {
-        let mut chance = Chance::new(seed);
-        let friction = chance.range(0.0, 0.6);
-        let tank = chance.below(2) == 0;
-        let body = kind.body(&mut chance, 0.6, friction).with_tank(tank);
-        let path = wander(&body, &mut chance, speed, 600);
+        let mut random = Random::new(seed);
+        let friction = random.range(0.0, 0.6);
+        let tank = random.below(2) == 0;
+        let body = kind.body(&mut random, 0.6, friction).with_tank(tank);
+        let path = wander(&body, &mut random, speed, 600);
         for o in &rollout(&body, &path) {
             prop_assert_eq!(o.flags.has(Flags::IN_CONTACT), o.contact.is_some());
             prop_assert_eq!(force(o) != DVec3::ZERO, o.flags.has(Flags::IN_CONTACT));
@@ -163,10 +163,10 @@ fn the_ledger_balances() {
 fn the_force_is_lipschitz() {
     let judged = Judged::default();
     proptest!(cases(160), |(seed in any::<u64>(), kind in kinds(2, ratio(4.0)), speed in 0.002f64..0.02)| {
-        let mut chance = Chance::new(seed);
-        let friction = chance.range(0.05, 0.5);
-        let body = kind.body(&mut chance, 0.35, friction);
-        let path = wander(&body, &mut chance, speed, 500);
+        let mut random = Random::new(seed);
+        let friction = random.range(0.05, 0.5);
+        let body = kind.body(&mut random, 0.35, friction);
+        let path = wander(&body, &mut random, speed, 500);
         // The rule by itself.
         let mut contact = Contact::new(&body).with_tank(false);
         let mut last: Option<(DVec3, Output, f64)> = None;
@@ -193,10 +193,10 @@ fn the_force_is_lipschitz() {
 fn finer_sampling_shrinks_the_steps() {
     let judged = Judged::default();
     proptest!(cases(120), |(seed in any::<u64>(), kind in kinds(2, ratio(4.0)))| {
-        let mut chance = Chance::new(seed);
-        let friction = chance.range(0.1, 0.5);
-        let body = kind.body(&mut chance, 0.35, friction);
-        let path = wander(&body, &mut chance, 0.03, 250);
+        let mut random = Random::new(seed);
+        let friction = random.range(0.1, 0.5);
+        let body = kind.body(&mut random, 0.35, friction);
+        let path = wander(&body, &mut random, 0.03, 250);
         // The largest step, and whether the path met anything that is no smooth contact.
         let largest = |path: &[DVec3]| {
             let mut contact = Contact::new(&body).with_tank(false);
@@ -224,15 +224,15 @@ fn finer_sampling_shrinks_the_steps() {
 fn only_the_shape_counts() {
     let judged = Judged::default();
     proptest!(cases(160), |(seed in any::<u64>(), kind in kinds(3, ratio(4.0)))| {
-        let mut chance = Chance::new(seed);
+        let mut random = Random::new(seed);
         // Not the block: it snaps, and a snap turns rounding into another contact point.
-        let body = Kind { mesh: if kind.mesh == 4 { 5 } else { kind.mesh }, ..kind }.body(&mut chance, 0.35, 0.3);
-        let axis = chance.direction();
-        let turn = DMat3::from_quat(DQuat::from_axis_angle(axis, chance.range(0.0, 3.0)));
-        let shift = chance.direction() * 0.1;
+        let body = Kind { mesh: if kind.mesh == 4 { 5 } else { kind.mesh }, ..kind }.body(&mut random, 0.35, 0.3);
+        let axis = random.direction();
+        let turn = DMat3::from_quat(DQuat::from_axis_angle(axis, random.range(0.0, 3.0)));
+        let shift = random.direction() * 0.1;
         let moved = |p: DVec3| turn * p + shift;
-        let other = renumbered(&body, &mut chance, turn, moved);
-        let path = wander(&body, &mut chance, 0.05, 200);
+        let other = renumbered(&body, &mut random, turn, moved);
+        let path = wander(&body, &mut random, 0.05, 200);
         let mut largest = 0.0f64;
         let (mut here, mut there) = (Contact::new(&body), Contact::new(&other));
         for &x in &path {
@@ -253,11 +253,11 @@ fn only_the_shape_counts() {
 }
 
 /// The same body moved, with its nodes, triangles, triangles' corners and test points in other orders.
-fn renumbered(body: &Body, chance: &mut Chance, turn: DMat3, moved: impl Fn(DVec3) -> DVec3) -> Body {
+fn renumbered(body: &Body, random: &mut Random, turn: DMat3, moved: impl Fn(DVec3) -> DVec3) -> Body {
     let parts = body.parts();
     let mut shuffled = |count: usize| {
         let mut order: Vec<usize> = (0..count).collect();
-        (1..count).rev().for_each(|i| order.swap(i, chance.below(i + 1)));
+        (1..count).rev().for_each(|i| order.swap(i, random.below(i + 1)));
         let mut new_of = vec![0u32; count];
         order.iter().enumerate().for_each(|(new, &old)| new_of[old] = new as u32);
         (order, new_of)
@@ -267,7 +267,7 @@ fn renumbered(body: &Body, chance: &mut Chance, turn: DMat3, moved: impl Fn(DVec
     let positions = order.iter().map(|&old| moved(body.nodes()[old].position)).collect();
     let mut triangles: Vec<[u32; 3]> = Vec::new();
     for element in body.elements() {
-        let first = chance.below(3);
+        let first = random.below(3);
         triangles.push([0, 1, 2].map(|i| new_of[element.nodes[(i + first) % 3] as usize]));
     }
     triangles.rotate_left(body.elements().len() / 3);
@@ -278,12 +278,12 @@ fn renumbered(body: &Body, chance: &mut Chance, turn: DMat3, moved: impl Fn(DVec
     };
     let tensors = parts.lateral_tensors.map(|t| order.iter().map(|&old| turned(&t[old])).collect());
     let mix = |&old: &usize| {
-        let NodeMix { test_points, weights } = parts.mixes[old];
-        NodeMix { test_points: test_points.map(|t| new_point[t as usize]), weights }
+        let BlendWeights { test_points, weights } = parts.blends[old];
+        BlendWeights { test_points: test_points.map(|t| new_point[t as usize]), weights }
     };
     Body::new(BodyParts {
         surface: Surface::build(&TriangleMesh { positions, triangles }, f64::INFINITY).unwrap(),
-        mixes: order.iter().map(mix).collect(),
+        blends: order.iter().map(mix).collect(),
         responses: points.iter().filter_map(|&old| parts.responses.get(old).cloned()).collect(),
         coupled: parts.coupled.map(|law| CoupledLaw {
             potentials: points.iter().map(|&old| turned_potential(&law.potentials[old], turn)).collect(),
@@ -306,10 +306,10 @@ fn turned_potential(potential: &Potential, turn: DMat3) -> Potential {
 fn a_loop_in_stick_does_no_work() {
     let judged = Judged::default();
     proptest!(cases(120), |(seed in any::<u64>(), kind in kinds(3, ratio(20.0)))| {
-        let mut chance = Chance::new(seed);
+        let mut random = Random::new(seed);
         // As much friction as a body may be given.
-        let body = kind.body(&mut chance, 0.6, if kind.make == Make::Made { 60.0 } else { 1e4 });
-        let nodes = body.element_nodes(chance.below(body.elements().len()) as u32);
+        let body = kind.body(&mut random, 0.6, if kind.make == Make::Made { 60.0 } else { 1e4 });
+        let nodes = body.element_nodes(random.below(body.elements().len()) as u32);
         let inward = (nodes[0].inward + nodes[1].inward + nodes[2].inward).normalize();
         let p = (nodes[0].position + nodes[1].position + nodes[2].position) / 3.0 - inward * body.tool().radius_m();
         let mut contact = Contact::new(&body);
@@ -317,7 +317,7 @@ fn a_loop_in_stick_does_no_work() {
         step(&mut contact, &body, p - inward * 1e-3);
         let begin = step(&mut contact, &body, start);
         prop_assume!(begin.flags.has(Flags::IN_CONTACT));
-        let (a, b) = (chance.direction() * 2e-3, chance.direction() * 2e-3);
+        let (a, b) = (random.direction() * 2e-3, random.direction() * 2e-3);
         let mut moved = 0.0;
         let mut before = begin.energy.work_j;
         for i in 1..=2000 {
@@ -339,12 +339,12 @@ fn a_loop_in_stick_does_no_work() {
 /// The generator makes what it is for.
 #[test]
 fn made_bodies_have_what_people_make() {
-    let mut chance = Chance::new(31);
+    let mut random = Random::new(31);
     let (mut narrow, mut wide, mut widest, mut mixed, mut nodes, mut spheres) = (0, 0, 0, 0, 0, 0);
     for i in 0..60 {
         let kind =
             Kind { make: Make::Made, mesh: i % KINDS, rule: SlipRule::Paper, ratio: [1.0, 3.0][i % 2] };
-        let body = kind.body(&mut chance, 0.35, 0.3);
+        let body = kind.body(&mut random, 0.35, 0.3);
         assert_eq!(body.is_isotropic(), i % 2 == 0);
         for node in body.nodes() {
             nodes += 1;
@@ -375,19 +375,19 @@ fn made_bodies_have_what_people_make() {
 proptest! {
     #![proptest_config(cases(40))]
 
-    /// (h): on a uniform plane a tip drags an elastic–Coulomb element: c = x − min(δr, L/k_r) u_r.
+    /// (h): on a uniform plane a tool drags an elastic–Coulomb element: c = x − min(δr, L/k_r) u_r.
     #[test]
     fn on_a_plane_the_stop_is_exact(seed in any::<u64>(), cells in 1usize..9) {
-        let mut chance = Chance::new(seed);
-        let (kz, kr, mu) = (chance.range(200.0, 900.0), chance.range(200.0, 900.0), chance.range(0.0, 0.6));
+        let mut random = Random::new(seed);
+        let (kz, kr, mu) = (random.range(200.0, 900.0), random.range(200.0, 900.0), random.range(0.0, 0.6));
         let body = uniform(&patch(0.2, cells), kz, kr, mu);
         let mut contact = Contact::new(&body);
-        let mut x = DVec3::new(chance.range(-0.01, 0.01), chance.range(-0.01, 0.01), 1e-4);
+        let mut x = DVec3::new(random.range(-0.01, 0.01), random.range(-0.01, 0.01), 1e-4);
         let mut c: Option<DVec3> = None;
         step(&mut contact, &body, x);
         for i in 0..400 {
             let from = x;
-            x += chance.direction() * chance.range(1e-6, 1e-3);
+            x += random.direction() * random.range(1e-6, 1e-3);
             x.z = if i < 3 { -1e-4 * f64::from(i + 1) } else { x.z.clamp(-6e-3, -1e-4) };
             let depth = -x.z;
             let start = c.unwrap_or(from + (x - from) * (from.z / (from.z - x.z)));
@@ -404,18 +404,18 @@ proptest! {
     /// (h) along a principal axis of an anisotropic plane, whose stiffness is λ k_r: the same stop.
     #[test]
     fn along_a_principal_axis_the_stop_is_exact(seed in any::<u64>(), cells in 1usize..9, ratio in 0.02f64..50.0) {
-        let mut chance = Chance::new(seed);
-        let (kz, kr, mu) = (chance.range(200.0, 900.0), chance.range(200.0, 900.0), chance.range(0.0, 0.6));
-        let axis = chance.direction().with_z(0.0).normalize();
+        let mut random = Random::new(seed);
+        let (kz, kr, mu) = (random.range(200.0, 900.0), random.range(200.0, 900.0), random.range(0.0, 0.6));
+        let axis = random.direction().with_z(0.0).normalize();
         let body = anisotropic_plane(cells, [kz, kr, mu], axis, ratio);
         let stiffness = kr * 2.0 * ratio / (1.0 + ratio);
         let mut contact = Contact::new(&body);
-        let mut x = DVec3::new(chance.range(-0.01, 0.01), chance.range(-0.01, 0.01), 1e-4);
+        let mut x = DVec3::new(random.range(-0.01, 0.01), random.range(-0.01, 0.01), 1e-4);
         step(&mut contact, &body, x);
         let mut c = x.with_z(0.0);
         for i in 0..400 {
-            x += axis * chance.range(-1e-3, 1e-3) * f64::from(u8::from(i > 0));
-            x.z = if i < 3 { -1e-4 * f64::from(i + 1) } else { chance.range(-6e-3, -1e-4) };
+            x += axis * random.range(-1e-3, 1e-3) * f64::from(u8::from(i > 0));
+            x.z = if i < 3 { -1e-4 * f64::from(i + 1) } else { random.range(-6e-3, -1e-4) };
             let stop = mu * 100.0 * kz * x.z * x.z / stiffness;
             let lateral = (x - c).with_z(0.0).clamp_length_max(stop);
             c = x.with_z(0.0) - lateral;
@@ -427,18 +427,18 @@ proptest! {
 }
 
 /// At any angle to the axes: in stick the force is −k_r A δ_t; a long drag is opposed along its own direction by L;
-/// and without friction the contact point is straight under the tip after every step.
+/// and without friction the contact point is straight under the tool after every step.
 #[test]
 fn an_oblique_drag_is_exact() {
     let judged = Judged::default();
     proptest!(cases(40), |(seed in any::<u64>(), cells in 1usize..9, ratio in 0.02f64..50.0, mu in 0.05f64..0.6)| {
-        let mut chance = Chance::new(seed);
-        let (kz, kr) = (chance.range(200.0, 900.0), chance.range(200.0, 900.0));
-        let axis = chance.direction().with_z(0.0).normalize();
+        let mut random = Random::new(seed);
+        let (kz, kr) = (random.range(200.0, 900.0), random.range(200.0, 900.0));
+        let axis = random.direction().with_z(0.0).normalize();
         let (high, low) = (2.0 * ratio / (1.0 + ratio), 2.0 / (1.0 + ratio));
         let stretched = |d: DVec3| axis * (high * d.dot(axis)) + (d - axis * d.dot(axis)) * low;
-        let way = chance.direction().with_z(0.0).normalize();
-        let depth = chance.range(1e-3, 4e-3);
+        let way = random.direction().with_z(0.0).normalize();
+        let depth = random.range(1e-3, 4e-3);
         let (normal, start) = (100.0 * kz * depth * depth, DVec3::new(0.0013, 0.0007, -depth));
 
         let sticky = anisotropic_plane(cells, [kz, kr, 1e3], axis, ratio);
@@ -470,7 +470,7 @@ fn an_oblique_drag_is_exact() {
         let mut contact = Contact::new(&slick);
         step(&mut contact, &slick, start.with_z(1e-4));
         for i in 0..200 {
-            let x = start + (way * 1e-4 + chance.direction().with_z(0.0) * 5e-5) * f64::from(i);
+            let x = start + (way * 1e-4 + random.direction().with_z(0.0) * 5e-5) * f64::from(i);
             let o = step(&mut contact, &slick, x);
             prop_assert!((force(&o) - DVec3::Z * normal).length() < 1e-8);
         }
@@ -485,23 +485,23 @@ fn an_oblique_drag_is_exact() {
 fn a_finer_plane_is_the_same_plane() {
     let judged = Judged::default();
     proptest!(cases(40), |(seed in any::<u64>(), times in 2usize..6, isotropic in any::<bool>())| {
-        let mut chance = Chance::new(seed);
-        let slope = DVec3::new(chance.range(-4.0, 4.0), chance.range(-4.0, 4.0), 0.0);
+        let mut random = Random::new(seed);
+        let slope = DVec3::new(random.range(-4.0, 4.0), random.range(-4.0, 4.0), 0.0);
         let k = move |p: DVec3| 500.0 * (1.0 + slope.dot(p));
         let build = |cells| {
             let surface = Surface::build(&patch(0.08, cells), f64::INFINITY).unwrap();
-            let feel = Feel { kz: &k, kr: &k, friction: &|_| 0.3, radius_m: 0.0 };
+            let material = Material { kz: &k, kr: &k, friction: &|_| 0.3, radius_m: 0.0 };
             // Linear in the place, so that both meshes have the same.
             let tensor = |p: DVec3, _| {
                 let (s, t) = (0.2 + slope.dot(p), 0.3 - slope.x * p.y);
                 [1.0 + s, 1.0 - s, 1.0, t, 0.0, 0.0]
             };
-            stretched(surface, feel, (!isotropic).then_some(&tensor as &dyn Fn(DVec3, DVec3) -> Tensor))
+            stretched(surface, material, (!isotropic).then_some(&tensor as &dyn Fn(DVec3, DVec3) -> Tensor))
         };
         let (coarse, fine) = (build(3), build(3 * times));
         let mut path = vec![DVec3::new(0.001, 0.002, 5e-4)];
         for i in 0..300 {
-            let mut x = path[i] + chance.direction() * 2e-4;
+            let mut x = path[i] + random.direction() * 2e-4;
             x.z = if i < 10 { x.z.min(4e-4 - 2e-4 * i as f64) } else { x.z.clamp(-4e-3, -2e-4) };
             path.push(x);
         }
@@ -516,29 +516,29 @@ fn a_finer_plane_is_the_same_plane() {
 /// Stiffnesses and friction [k_z, k_r, μ], `ratio` times as stiff along an axis as across.
 fn anisotropic_plane(cells: usize, [kz, kr, mu]: [f64; 3], axis: DVec3, ratio: f64) -> Body {
     let surface = Surface::build(&patch(0.2, cells), f64::INFINITY).unwrap();
-    let feel = Feel { kz: &|_| kz, kr: &|_| kr, friction: &|_| mu, radius_m: 0.0 };
-    stretched(surface, feel, Some(&|_, u| tensor::along(axis, ratio, u).unwrap()))
+    let material = Material { kz: &|_| kz, kr: &|_| kr, friction: &|_| mu, radius_m: 0.0 };
+    stretched(surface, material, Some(&|_, u| tensor::along(axis, ratio, u).unwrap()))
 }
 
 /// Where every tensor is the identity, every bit is that of a body without.
 #[test]
 fn identities_change_no_bit() {
     let mesh = ellipsoid(DVec3::new(0.03, 0.04, 0.025), 2);
-    let mut chance = Chance::new(21);
+    let mut random = Random::new(21);
     let far = mesh.positions.iter().map(|p| p.x).fold(f64::NEG_INFINITY, f64::max);
-    let (a, b) = (chance.direction() * 60.0, chance.direction() * 60.0);
+    let (a, b) = (random.direction() * 60.0, random.direction() * 60.0);
     let build = |tensors: Option<&dyn Fn(DVec3, DVec3) -> Tensor>| {
         let surface = Surface::build(&mesh, f64::INFINITY).unwrap();
         let (kz, kr) =
             (|p: DVec3| 600.0 + 200.0 * libm::sin(p.dot(a)), |p: DVec3| 500.0 + 100.0 * libm::sin(p.dot(b)));
-        stretched(surface, Feel { kz: &kz, kr: &kr, friction: &|_| 0.3, radius_m: 0.0 }, tensors)
+        stretched(surface, Material { kz: &kz, kr: &kr, friction: &|_| 0.3, radius_m: 0.0 }, tensors)
     };
     let one = |p: DVec3, u: DVec3| {
         if p.x == far { tensor::along(DVec3::Y, 2.0, u).unwrap() } else { tensor::IDENTITY }
     };
     let (plain, same, other) = (build(None), build(Some(&|_, _| tensor::IDENTITY)), build(Some(&one)));
     assert!(same.is_isotropic() && !other.is_isotropic());
-    let path = wander(&plain, &mut chance, 0.05, 3000);
+    let path = wander(&plain, &mut random, 0.05, 3000);
     let (here, there, elsewhere) = (rollout(&plain, &path), rollout(&same, &path), rollout(&other, &path));
     assert!(here == there, "to the bit");
     // Where only one node far away is not isotropic, the forces here are the same up to rounding.
@@ -563,11 +563,11 @@ fn the_livers_contacts_keep_the_ledger() {
     }
     let mesh = palpate_body::import::read(path, Some(palpate_body::import::LengthUnit::Centimetre)).unwrap();
     let (mesh, _) = palpate_body::repair::repair(mesh, Default::default()).unwrap();
-    let mut chance = Chance::new(11);
-    let body = heterogeneous(&mesh, &mut chance, 0.35, 0.3);
+    let mut random = Random::new(11);
+    let body = heterogeneous(&mesh, &mut random, 0.35, 0.3);
     let mut touched = 0;
     for i in 0..40 {
-        let path = wander(&body, &mut chance, 0.01 * 1.15f64.powi(i), 400);
+        let path = wander(&body, &mut random, 0.01 * 1.15f64.powi(i), 400);
         for o in rollout(&body, &path) {
             assert!(imbalance(&o) < 1e-9, "{:?}", o.energy);
             assert!(

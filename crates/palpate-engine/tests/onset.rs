@@ -1,4 +1,4 @@
-//! Fast tips: nothing is missed, and the contact begins on the surface.
+//! Fast tools: nothing is missed, and the contact begins on the surface.
 
 mod common;
 
@@ -7,7 +7,7 @@ use glam::DVec3;
 use palpate_body::{Body, Surface, Tensor, TriangleMesh};
 use palpate_engine::{Contact, Flags};
 
-/// Friction so high that the contact point stays where the tip came in.
+/// Friction so high that the contact point stays where the tool came in.
 fn sticky(mesh: &TriangleMesh) -> Body {
     uniform(mesh, 600.0, 500.0, 1e3)
 }
@@ -29,7 +29,7 @@ fn ten_thousand_fast_passes_are_all_caught() {
         block(DVec3::new(5e-5, 0.02, 0.03), 1),
     ]
     .map(|m| sticky(&m));
-    let mut rng = Chance::new(1);
+    let mut rng = Random::new(1);
     let (mut caught, mut passed) = ([0; 3], 0);
     for pass in 0..10_000 {
         let body = &bodies[pass % bodies.len()];
@@ -115,11 +115,11 @@ fn ten_thousand_fast_passes_are_all_caught() {
 fn a_sphere_is_caught_where_it_first_touches() {
     let mesh = ellipsoid(DVec3::splat(0.03), 4);
     let radius = 4e-3;
-    let feel = Feel { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| 1e3, radius_m: radius };
-    let mut rng = Chance::new(2);
+    let material = Material { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| 1e3, radius_m: radius };
+    let mut rng = Random::new(2);
     let fibres = fibres(&mut rng, 10.0);
     let bodies = [None, Some(&fibres as &dyn Fn(DVec3, DVec3) -> Tensor)]
-        .map(|tensor| stretched(Surface::build(&mesh, f64::INFINITY).unwrap(), feel, tensor));
+        .map(|tensor| stretched(Surface::build(&mesh, f64::INFINITY).unwrap(), material, tensor));
     for i in 0..1000 {
         let body = &bodies[i % 2];
         let d = rng.direction();
@@ -144,9 +144,9 @@ fn a_sphere_passing_fast_is_not_missed() {
     let radius = 2e-3;
     let body = body_of(
         Surface::build(&block(DVec3::new(0.03, 0.03, 5e-5), 4), f64::INFINITY).unwrap(),
-        Feel { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| 1e3, radius_m: radius },
+        Material { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| 1e3, radius_m: radius },
     );
-    let mut rng = Chance::new(3);
+    let mut rng = Random::new(3);
     for _ in 0..2000 {
         let (x, y) = (rng.range(-0.025, 0.025), rng.range(-0.025, 0.025));
         let mut contact = Contact::new(&body);

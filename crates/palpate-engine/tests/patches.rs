@@ -7,14 +7,14 @@ mod coupled;
 
 use common::*;
 use glam::DVec3;
-use palpate_body::{Body, BodyParts, BodySource, NodeMix, Patch, SlipRule, StoredBody, Surface, Tool};
+use palpate_body::{BlendWeights, Body, BodyParts, BodySource, Patch, SlipRule, StoredBody, Surface, Tool};
 
 use palpate_engine::{Ablation, Contact, Flags, Output, ToolState};
 use std::collections::BTreeSet;
 
 /// A block without a lid: creases, a border that runs over them, test points between nodes whose weights fade towards it, and
 /// tensors.
-fn lidless(rng: &mut Chance) -> Body {
+fn lidless(rng: &mut Random) -> Body {
     let mut mesh = block(DVec3::splat(0.03), 12);
     mesh.triangles.truncate(mesh.triangles.len() * 4 / 5);
     let used: BTreeSet<u32> = mesh.triangles.iter().flatten().copied().collect();
@@ -33,16 +33,16 @@ fn lidless(rng: &mut Chance) -> Body {
     let mix = |fades: &bool| {
         let test_points = [(); 3].map(|()| rng.below(responses.len()) as u32);
         let (a, b, left) = (rng.unit(), rng.unit(), if *fades { 0.6 * rng.unit() } else { 1.0 });
-        NodeMix { test_points, weights: [a, b * (1.0 - a), (1.0 - a) * (1.0 - b)].map(|w| w * left) }
+        BlendWeights { test_points, weights: [a, b * (1.0 - a), (1.0 - a) * (1.0 - b)].map(|w| w * left) }
     };
-    let mixes: Vec<NodeMix> = fades.iter().map(mix).collect();
+    let blends: Vec<BlendWeights> = fades.iter().map(mix).collect();
     let along = fibres(rng, 1.7);
     let frames = surface.positions().iter().zip(surface.inward_normals());
     let body = Body::new(BodyParts {
         coupled: None,
         lateral_tensors: Some(frames.map(|(p, u)| along(*p, *u)).collect()),
         test_point_nodes: vec![0; responses.len()],
-        mixes,
+        blends,
         responses,
         surface,
         ..plain.parts()
@@ -55,18 +55,18 @@ fn lidless(rng: &mut Chance) -> Body {
 /// Bodies of every kind that differs in what a step reads: test points at nodes and between them, tensors, creases, a
 /// border, a sphere for a tool.
 fn bodies() -> Vec<Body> {
-    let mut rng = Chance::new(50);
+    let mut rng = Random::new(50);
     let round_of = |levels| ellipsoid(DVec3::new(0.03, 0.04, 0.025), levels);
     let round = round_of(4);
     let plain = heterogeneous(&round, &mut rng, 0.35, 0.2);
     let few: Vec<u32> = (0..24).map(|_| rng.below(plain.nodes().len()) as u32).collect();
     let mixed = BodyParts {
-        mixes: plain
+        blends: plain
             .nodes()
             .iter()
             .map(|n| {
                 let t = |axis: usize| (((n.position[axis] + 0.04) / 0.08 * 23.0) as u32).min(23);
-                NodeMix { test_points: [t(0), t(1), t(2)], weights: [0.5, 0.3, 0.2] }
+                BlendWeights { test_points: [t(0), t(1), t(2)], weights: [0.5, 0.3, 0.2] }
             })
             .collect(),
         responses: few.iter().map(|&n| plain.curves()[n as usize].clone()).collect(),
@@ -88,7 +88,7 @@ fn bodies() -> Vec<Body> {
 }
 
 /// In and out of the surface, and over it.
-fn tour(body: &Body, rng: &mut Chance, steps: usize) -> Vec<DVec3> {
+fn tour(body: &Body, rng: &mut Random, steps: usize) -> Vec<DVec3> {
     let nodes = body.element_nodes(rng.below(body.elements().len()) as u32);
     let (home, down) = (nodes[0].position, nodes[0].inward);
     let along = down.any_orthonormal_vector();
@@ -103,7 +103,7 @@ fn tour(body: &Body, rng: &mut Chance, steps: usize) -> Vec<DVec3> {
 
 #[test]
 fn a_step_on_a_patch_is_the_step_on_the_whole_body() {
-    let mut rng = Chance::new(51);
+    let mut rng = Random::new(51);
     let (mut steps, mut taken, mut touched, mut free) = (0, 0, 0, 0);
     for body in bodies() {
         for rule in SlipRule::ALL {
@@ -115,7 +115,7 @@ fn a_step_on_a_patch_is_the_step_on_the_whole_body() {
             for tip in tour(&body, &mut rng, 900) {
                 let (pose, p) = (ToolState::at(tip.to_array()), tip.to_array());
                 let away = |at: Option<[f64; 3]>| !at.is_none_or(|at| local.knows(at, radius));
-                let lost = part.touching().is_none() && (away(Some(p)) || away(part.last_tip_m()));
+                let lost = part.touching().is_none() && (away(Some(p)) || away(part.last_position_m()));
                 // Anew where it must be, and now and then where it need not.
                 if first || lost || rng.below(50) == 0 {
                     let from = |e: u32| local.global(e);
@@ -149,7 +149,7 @@ fn a_step_on_a_patch_is_the_step_on_the_whole_body() {
 
 #[test]
 fn a_patch_out_of_the_file_is_that_of_the_body_in_memory() {
-    let mut rng = Chance::new(52);
+    let mut rng = Random::new(52);
     let folder = tempfile::tempdir().unwrap();
     let mut touches = 0;
     let path = folder.path().join("x.body");
@@ -192,7 +192,7 @@ fn a_patch_out_of_the_file_is_that_of_the_body_in_memory() {
 
 #[test]
 fn at_a_patchs_edge_the_contact_point_waits_and_goes_on() {
-    let body = heterogeneous(&ellipsoid(DVec3::splat(0.03), 4), &mut Chance::new(52), 0.3, 0.1);
+    let body = heterogeneous(&ellipsoid(DVec3::splat(0.03), 4), &mut Random::new(52), 0.3, 0.1);
     for rule in SlipRule::ALL {
         let top = DVec3::new(0.0, 0.0, 0.03);
         let small = Patch::new(&body, top.to_array(), 60);
@@ -207,7 +207,7 @@ fn at_a_patchs_edge_the_contact_point_waits_and_goes_on() {
         for tip in path {
             last = step(&mut contact, small.model(), tip);
             assert!(!last.flags.has(Flags::BORDER) && imbalance(&last) < 1e-9, "{:?}", last.flags);
-            waited += usize::from(last.flags.has(Flags::FENCED));
+            waited += usize::from(last.flags.has(Flags::PATCH_BOUNDARY));
         }
         assert!(
             waited > 20 && last.flags.has(Flags::IN_CONTACT) && contact.counters().fenced == waited as u64,
@@ -222,13 +222,13 @@ fn at_a_patchs_edge_the_contact_point_waits_and_goes_on() {
             let angle = 5e-3 * f64::from(100 + k);
             freed =
                 step(&mut contact, next.model(), DVec3::new(libm::sin(angle), 0.0, libm::cos(angle)) * 0.028);
-            if !freed.flags.has(Flags::FENCED) {
+            if !freed.flags.has(Flags::PATCH_BOUNDARY) {
                 break;
             }
         }
         let moved = DVec3::from_array(freed.contact.unwrap().position_m).distance(held.position_m.into());
         assert!(
-            !freed.flags.has(Flags::FENCED) && freed.flags.has(Flags::SLIPPING) && moved > 1e-3,
+            !freed.flags.has(Flags::PATCH_BOUNDARY) && freed.flags.has(Flags::SLIPPING) && moved > 1e-3,
             "{rule:?} {moved}"
         );
         assert!(freed.contact.unwrap().delta_r_m < held.delta_r_m);

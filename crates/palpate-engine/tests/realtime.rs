@@ -17,7 +17,7 @@ static ALLOCATOR: AllocDisabler = AllocDisabler;
 
 #[test]
 fn no_step_allocates() {
-    let mut rng = Chance::new(5);
+    let mut rng = Random::new(5);
     // Isotropic, anisotropic, coupled, and coupled with few test points.
     for (kind, law) in (0..4).flat_map(|kind| (0..4).map(move |law| (kind, law))) {
         let mesh = match kind {
@@ -81,7 +81,7 @@ fn a_contact_survives_poses_that_are_no_numbers() {
 
 #[test]
 fn every_force_is_finite_whatever_the_tip_does() {
-    let mut rng = Chance::new(9);
+    let mut rng = Random::new(9);
     for i in 0..40 {
         let mesh = ellipsoid(DVec3::new(0.03, 0.02, 0.04), 2);
         let body = match i / 3 % 5 {

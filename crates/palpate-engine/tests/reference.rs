@@ -47,7 +47,7 @@ fn sort() -> impl Strategy<Value = Sort> {
 }
 
 /// A random body, for a point, or, unless it is plain, for a sphere with a radius up to `largest`, m.
-fn body(sort: Sort, kind: usize, rng: &mut Chance, making: Making, largest: f64) -> Body {
+fn body(sort: Sort, kind: usize, rng: &mut Random, making: Making, largest: f64) -> Body {
     let Making { spread, friction, ratio, slip, .. } = making;
     if sort == Sort::Plain {
         return ruled(&anisotropic(&mesh(kind), rng, spread, friction, ratio), slip);
@@ -65,7 +65,7 @@ fn making(spread: f64, friction: f64, ratio: f64, slip: SlipRule) -> Making {
 }
 
 /// From above a random element: in, about, and out again.
-fn path(body: &Body, rng: &mut Chance, steps: usize, spacing: f64) -> Vec<DVec3> {
+fn path(body: &Body, rng: &mut Random, steps: usize, spacing: f64) -> Vec<DVec3> {
     let (p, inward) = loop {
         let nodes = body.element_nodes(rng.below(body.elements().len()) as u32);
         let p = (nodes[0].position + nodes[1].position + nodes[2].position) / 3.0;
@@ -110,7 +110,7 @@ fn difference(body: &Body, path: &[DVec3]) -> (f64, u64) {
 fn the_fast_step_follows_the_slow_one() {
     let judged = Judged::default();
     proptest!(cases(32), |(seed in any::<u64>(), kind in 0usize..5, made in any::<bool>(), ratio in ratio(4.0))| {
-        let (mut rng, sort) = (Chance::new(seed), if made { Sort::Made } else { Sort::Plain });
+        let (mut rng, sort) = (Random::new(seed), if made { Sort::Made } else { Sort::Plain });
         let friction = rng.range(0.1, 0.5);
         let body = body(sort, kind, &mut rng, making(0.35, friction, ratio, SlipRule::Paper), 0.0);
         let coarse = path(&body, &mut rng, 120, 1e-4);
@@ -132,7 +132,7 @@ fn the_fast_step_follows_the_slow_one() {
 fn force_and_limit_are_the_laws() {
     let judged = Judged::default();
     proptest!(cases(64), |(seed in any::<u64>(), kind in 0usize..5, sort in sort(), ratio in ratio(20.0))| {
-        let mut rng = Chance::new(seed);
+        let mut rng = Random::new(seed);
         let body = body(sort, kind, &mut rng, making(0.5, 0.3, ratio, SlipRule::Paper), 6e-3);
         let spacing = rng.range(1e-5, 2e-3);
         let path = path(&body, &mut rng, 300, spacing);
@@ -174,7 +174,7 @@ fn drive_and_limit_are_the_rules() {
     proptest!(cases(64), |(
         seed in any::<u64>(), kind in 0usize..5, sort in sort(), exact in any::<bool>(), ratio in ratio(10.0),
     )| {
-        let mut rng = Chance::new(seed);
+        let mut rng = Random::new(seed);
         let rule = if exact { SlipRule::Exact } else { SlipRule::Consistent };
         let body = body(sort, kind, &mut rng, making(0.35, 0.3, ratio, rule), 6e-3);
         let path = path(&body, &mut rng, 60, 2e-4);
@@ -190,7 +190,7 @@ fn drive_and_limit_are_the_rules() {
             let (element, c) = (at.element as usize, DVec3::from_array(at.position_m));
             let reading = slow.read(element, c, x);
             let excess = slow.drive(&reading, element, c, x).length() - reading.limit;
-            // A node that mixes many potentials sums their gradients as if their tangent planes were its own.
+            // A node that blends many potentials sums their gradients as if their tangent planes were its own.
             let tolerance = if sort.is_coupled() && !exact { 5e-3 } else { 2e-6 } * (reading.limit + reading.fr);
             prop_assert!(excess <= tolerance + 1e-6, "{excess} over {}", reading.limit);
             // The exact rule may stop earlier, at an edge where the drive turns round.

@@ -5,29 +5,29 @@ mod common;
 use common::*;
 use glam::DVec3;
 use palpate_body::{
-    Body, BodyParts, Curve, Extension, Interpolation, NodeMix, Provenance, Response, SlipRule, Surface, Tool,
-    TriangleMesh,
+    BlendWeights, Body, BodyParts, Curve, Extension, Interpolation, Provenance, Response, SlipRule, Surface,
+    Tool, TriangleMesh,
 };
 use palpate_engine::{Contact, Flags};
 
-/// A tip that slides exactly along a mesh edge: rounding took the coordinate that stands at zero to −1e-16, and the
+/// A tool that slides exactly along a mesh edge: rounding took the coordinate that stands at zero to −1e-16, and the
 /// walk went on to the edge's far vertex.
 #[test]
 fn a_slide_along_an_edge_stops_where_friction_says() {
     let (kz, kr, mu, depth) = (600.0, 500.0, 0.3, 1e-3);
     let body = uniform(&patch(0.1, 6), kz, kr, mu);
     let stop = mu * 100.0 * kz * depth * depth / kr;
-    let mut chance = Chance::new(8);
+    let mut random = Random::new(8);
     for _ in 0..20_000 {
-        let element = chance.below(body.elements().len()) as u32;
-        let (nodes, edge) = (body.element_nodes(element), chance.below(3));
+        let element = random.below(body.elements().len()) as u32;
+        let (nodes, edge) = (body.element_nodes(element), random.below(3));
         if body.across(element, edge).is_none() {
             continue;
         }
         let (a, b) = (nodes[edge].position, nodes[(edge + 1) % 3].position);
         let along = (b - a).normalize();
-        let start = a + (b - a) * chance.range(0.1, 0.5);
-        let end = start + along * chance.range(5e-5, 4e-4);
+        let start = a + (b - a) * random.range(0.1, 0.5);
+        let end = start + along * random.range(5e-5, 4e-4);
         let mut contact = Contact::new(&body);
         step(&mut contact, &body, start + DVec3::Z * 1e-4);
         step(&mut contact, &body, start - DVec3::Z * depth);
@@ -44,7 +44,7 @@ fn plane(mesh: &TriangleMesh, lateral: Curve, friction: f64) -> Body {
     let surface = Surface::build(mesh, f64::INFINITY).unwrap();
     let response = Response { lateral, ..Response::paper(600.0, 500.0, friction, 8e-3, 8e-3).unwrap() };
     Body::new(BodyParts {
-        mixes: vec![NodeMix::own(0); surface.positions().len()],
+        blends: vec![BlendWeights::own(0); surface.positions().len()],
         surface,
         responses: vec![response],
         test_point_nodes: vec![0],
@@ -57,7 +57,7 @@ fn plane(mesh: &TriangleMesh, lateral: Curve, friction: f64) -> Body {
     .unwrap()
 }
 
-/// Lateral curves that soften, or end flat: a Newton iterate shot past the tip and settled at the second root of
+/// Lateral curves that soften, or end flat: a Newton iterate shot past the tool and settled at the second root of
 /// |f_r| = L, where friction pushes; or it bolted, and c was left far away.
 #[test]
 fn friction_never_pushes_on_softening_curves() {
@@ -70,17 +70,17 @@ fn friction_never_pushes_on_softening_curves() {
     for lateral in [soft.unwrap(), flat.unwrap(), two_slopes.unwrap()] {
         for speed in [0.05, 0.2, 1.0, 5.0] {
             let body = plane(&patch(0.2, 20), lateral.clone(), 0.3);
-            let mut chance = Chance::new(12);
+            let mut random = Random::new(12);
             let mut contact = Contact::new(&body);
             let mut x = DVec3::new(0.001, 0.002, 1e-4);
             step(&mut contact, &body, x);
             let mut c = x.with_z(0.0);
             for i in 0..1500 {
-                let way = (chance.direction() * speed * 1e-3).with_z(if i < 5 { -2e-4 } else { 0.0 });
+                let way = (random.direction() * speed * 1e-3).with_z(if i < 5 { -2e-4 } else { 0.0 });
                 x = (x + way).clamp(DVec3::new(-0.05, -0.05, -1.0), DVec3::new(0.05, 0.05, 1.0));
                 let o = step(&mut contact, &body, x);
                 let Some(at) = o.contact else { continue };
-                // The analytic stop: c on the line from the tip to where it was.
+                // The analytic stop: c on the line from the tool to where it was.
                 let lead = x.with_z(0.0) - c;
                 let limit = 0.3 * 6e4 * x.z * x.z;
                 let (mut low, mut high) = (0.0, lead.length());
@@ -108,7 +108,7 @@ fn friction_never_pushes_on_softening_curves() {
     }
 }
 
-/// Rounding may leave a tip a hair inside; a grazing way then meets the surface's plane far behind its start.
+/// Rounding may leave a tool a hair inside; a grazing way then meets the surface's plane far behind its start.
 #[test]
 fn a_start_a_hair_inside_is_caught_at_any_angle() {
     let body = uniform(&patch(0.08, 4), 600.0, 500.0, 0.3);
@@ -155,7 +155,7 @@ fn a_sphere_touches_only_what_is_in_front_of_it() {
     let radius = 4e-3;
     let ball = |mesh: &TriangleMesh| {
         let surface = Surface::build(mesh, f64::INFINITY).unwrap();
-        body_of(surface, Feel { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| 0.3, radius_m: radius })
+        body_of(surface, Material { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| 0.3, radius_m: radius })
     };
     let sheet = ball(&patch(0.08, 4));
     let mut contact = Contact::new(&sheet);

@@ -20,7 +20,7 @@ fn odd(o: &Output) -> bool {
 
 /// The largest |ΔF|/|Δx| from a contact's present state, N/m, and the largest bound at its ends; none where the state or a
 /// step is no smooth contact.
-fn measured(contact: &Contact, body: &Body, x: DVec3, o: &Output, chance: &mut Chance) -> Option<(f64, f64)> {
+fn measured(contact: &Contact, body: &Body, x: DVec3, o: &Output, random: &mut Random) -> Option<(f64, f64)> {
     let (element, n) = o.contact.map(|c| (c.element, c.n))?;
     // From one element to the next the rule `exact` may jump.
     let inside = |o: &Output| {
@@ -32,7 +32,7 @@ fn measured(contact: &Contact, body: &Body, x: DVec3, o: &Output, chance: &mut C
     }
     let (mut steepest, mut bound) = (0.0f64, contact.lipschitz_n_per_m(body)?);
     for _ in 0..40 {
-        let (mut there, way) = (contact.clone(), chance.direction() * STEP);
+        let (mut there, way) = (contact.clone(), random.direction() * STEP);
         let next = step(&mut there, body, x + way);
         if odd(&next) || !inside(&next) {
             return None;
@@ -44,13 +44,13 @@ fn measured(contact: &Contact, body: &Body, x: DVec3, o: &Output, chance: &mut C
 }
 
 /// Presses into a body at some place and drags a little; measures at rest after each.
-fn compare(body: &Body, chance: &mut Chance, mut each: impl FnMut(f64, f64)) {
-    let element = chance.below(body.elements().len()) as u32;
+fn compare(body: &Body, random: &mut Random, mut each: impl FnMut(f64, f64)) {
+    let element = random.below(body.elements().len()) as u32;
     let nodes = body.element_nodes(element);
     let centre = (nodes[0].position + nodes[1].position + nodes[2].position) / 3.0;
     let radius = body.tool().radius_m();
-    let (u, depth) = (nodes[0].inward, chance.range(0.5e-3, 5e-3));
-    let aside = u.cross(chance.direction()).normalize() * chance.range(0.0, 4e-3);
+    let (u, depth) = (nodes[0].inward, random.range(0.5e-3, 5e-3));
+    let aside = u.cross(random.direction()).normalize() * random.range(0.0, 4e-3);
     let mut contact = Contact::new(body);
     let (start, end) = (centre - u * (radius + 1e-3), centre + u * (depth - radius));
     let mut run = |from: DVec3, to: DVec3| {
@@ -59,7 +59,7 @@ fn compare(body: &Body, chance: &mut Chance, mut each: impl FnMut(f64, f64)) {
         for i in 0..=count {
             last = step(&mut contact, body, from.lerp(to, i as f64 / count.max(1) as f64));
         }
-        if let Some((steepest, bound)) = measured(&contact, body, to, &last, chance).filter(|_| !odd(&last)) {
+        if let Some((steepest, bound)) = measured(&contact, body, to, &last, random).filter(|_| !odd(&last)) {
             each(steepest, bound);
         }
     };
@@ -72,7 +72,7 @@ fn ruled_tool(body: &Body, rule: SlipRule, radius_m: f64) -> Body {
     Body::new(BodyParts { slip: rule, tool, ..body.parts() }).unwrap().with_tank(body.has_tank())
 }
 
-/// The same, a tenth as stiff sideways, and deeper than a millimetre also down.
+/// The same, a tenth as stiff laterally, and deeper than a millimetre also down.
 fn softened(body: &Body) -> Body {
     let mut parts = body.parts();
     let depths = [0.0, 1e-3, 8e-3];
@@ -108,15 +108,15 @@ fn mesh(kind: usize) -> TriangleMesh {
 fn no_small_step_exceeds_the_bound() {
     let mut compared = [0; 3];
     for case in 0..432 {
-        let mut chance = Chance::new(900 + case as u64);
+        let mut random = Random::new(900 + case as u64);
         let (kind, rule) = (case % 6, SlipRule::ALL[case / 6 % 3]);
         let friction = [0.0, 0.3, 0.0, 0.05][case / 18 % 4];
         let (spread, ratio) = ([0.0, 0.35][case / 72 % 2], [1.0, 1.0, 2.5][case / 144 % 3]);
-        let body = anisotropic(&mesh(kind), &mut chance, spread, friction, ratio);
+        let body = anisotropic(&mesh(kind), &mut random, spread, friction, ratio);
         let body = if kind % 2 == 1 { softened(&body) } else { body };
         let body = ruled_tool(&body, rule, [0.0, 2e-3][case / 36 % 2]);
         for _ in 0..6 {
-            compare(&body, &mut chance, |steepest, bound| {
+            compare(&body, &mut random, |steepest, bound| {
                 compared[rule as usize] += 1;
                 assert!(
                     steepest <= 1.02 * bound,
@@ -133,12 +133,12 @@ fn no_small_step_exceeds_the_bound() {
 fn the_bound_is_near_what_happens() {
     let mut compared = 0;
     for case in 0..60 {
-        let mut chance = Chance::new(70 + case as u64);
+        let mut random = Random::new(70 + case as u64);
         let (kind, rule) = ([0, 3, 4][case % 3], SlipRule::ALL[case / 3 % 2]);
         let friction = [0.0, 0.3][case / 6 % 2];
         let body = ruled_tool(&uniform(&mesh(kind), 600.0, 500.0, friction), rule, 0.0);
         for _ in 0..6 {
-            compare(&body, &mut chance, |steepest, bound| {
+            compare(&body, &mut random, |steepest, bound| {
                 compared += 1;
                 assert!(
                     bound <= 3.0 * steepest,

@@ -7,14 +7,14 @@ mod common;
 use common::*;
 use glam::DVec3;
 use palpate_body::{Body, SlipRule, Surface, TriangleMesh};
-use palpate_engine::certify::{Assumptions, Cell, Criterion, Effort, Patch, least};
+use palpate_engine::certify::{Assumptions, Cell, Criterion, Effort, ElementStates, least};
 use palpate_engine::{Ablation, Contact, Flags};
 use std::f64::consts::PI;
 
 /// What a path did to the hand.
 #[derive(Default)]
 struct Felt {
-    /// Energy handed out, mJ: the rendered force along the tip's way, by the trapezoidal rule. Unlike the ledger's work it
+    /// Energy handed out, mJ: the rendered force along the tool's way, by the trapezoidal rule. Unlike the ledger's work it
     /// leaves out k_r h²/2 for each step of length h, which stretches the lateral spring and lets it go again.
     handed_mj: f64,
     /// max |ΔF|/|Δx|, N/m.
@@ -68,7 +68,7 @@ fn prism(around: usize, friction: f64) -> Body {
     let stiffness = |p: DVec3| 600.0 * (1.0 + 0.5 * p.x / RADIUS);
     body_of(
         Surface::build(&cylinder(RADIUS, 0.1, around, 10), f64::INFINITY).unwrap(),
-        Feel { kz: &stiffness, kr: &|_| 500.0, friction: &|_| friction, radius_m: 0.0 },
+        Material { kz: &stiffness, kr: &|_| 500.0, friction: &|_| friction, radius_m: 0.0 },
     )
 }
 
@@ -174,14 +174,18 @@ fn the_certificates_gain_adds_up_to_the_papers_energy() {
                 let place = |c: &palpate_engine::ContactPoint| DVec3::from_array(c.position_m);
                 let way = place(&c) - place(&before);
                 if patch.0 != c.element {
-                    patch = (c.element, Some(Patch::new(&body, c.element, &assumptions)));
+                    patch = (c.element, Some(ElementStates::new(&body, c.element, &assumptions)));
                 }
                 let (Some(patch), [p, q, _]) = (&patch.1, body.corners(c.element)) else { unreachable!() };
                 let (x, z) = ((q - p).normalize(), -body.outward(c.element));
-                let turn = libm::atan2(way.dot(z.cross(x)), way.dot(x));
+                let azimuth = libm::atan2(way.dot(z.cross(x)), way.dot(x));
                 let n = c.n;
-                let state =
-                    Cell { corners: [n; 3], depth_m: [c.delta_z_m; 2], turn: [turn; 2], reach_m: [1e-9; 2] };
+                let state = Cell {
+                    corners: [n; 3],
+                    depth_m: [c.delta_z_m; 2],
+                    azimuth: [azimuth; 2],
+                    reach_m: [1e-9; 2],
+                };
                 gained -= Criterion::Passive.bound(patch, &state) * force(&o).length() * way.length() * 1e3;
             }
             last = at;
@@ -203,7 +207,7 @@ fn the_consistent_rules_worst_gain_falls_as_h() {
             (0..body.elements().len() as u32).filter(|&e| body.corners(e).iter().all(|c| c.z.abs() < 0.015));
         middle
             .map(|e| {
-                let patch = Patch::new(&body, e, &assumptions);
+                let patch = ElementStates::new(&body, e, &assumptions);
                 least(Criterion::Passive, &patch, &patch.cells(), effort).found
             })
             .fold(f64::INFINITY, f64::min)
@@ -251,17 +255,18 @@ const SMOOTH: [Smooth; 3] = [
 /// place to another, the paper's rule hands out W's difference on any mesh, `consistent` less and less, as h².
 #[test]
 fn the_consistent_rules_leak_falls_as_h_squared() {
-    let mut chance = Chance::new(17);
+    let mut random = Random::new(17);
     for (kind, shape) in SMOOTH.iter().enumerate() {
         let (wave, ends) =
-            (chance.direction() * 60.0, [0; 12].map(|_| [chance.direction(), chance.direction()]));
+            (random.direction() * 60.0, [0; 12].map(|_| [random.direction(), random.direction()]));
         let mut leaks = Vec::new();
         for level in 0..3 {
             let mesh = (shape.mesh)(level);
             assert_eq!(mesh.triangles.len(), 320 << (2 * level));
             let kz = |p: DVec3| 600.0 * (1.0 + 0.35 * libm::sin(p.dot(wave)));
             let surface = Surface::build(&mesh, f64::INFINITY).unwrap();
-            let body = body_of(surface, Feel { kz: &kz, kr: &|_| 500.0, friction: &|_| 0.0, radius_m: 0.0 });
+            let body =
+                body_of(surface, Material { kz: &kz, kr: &|_| 500.0, friction: &|_| 0.0, radius_m: 0.0 });
             let mut square = [0.0; 3];
             for ends in &ends {
                 let at = |t: f64, depth: f64| {
@@ -299,7 +304,7 @@ fn the_consistent_rules_leak_falls_as_h_squared() {
     }
 }
 
-/// A contact made for one body and led over another, which nobody derived gradients for, says so.
+/// A contact made for one body and led over another, which has no prepared gradients, says so.
 #[test]
 fn a_body_without_gradients_is_counted() {
     let (one, other) = (prism(24, 0.1), prism(24, 0.1));
@@ -307,12 +312,12 @@ fn a_body_without_gradients_is_counted() {
         let mut contact = Contact::with_slip(&one, SlipRule::Consistent, Ablation::None);
         let touching =
             cycle().step_by(50).filter(|x| step(&mut contact, body, *x).flags.has(Flags::IN_CONTACT)).count();
-        (contact.counters().underived, touching as u64)
+        (contact.counters().without_gradients, touching as u64)
     };
     assert_eq!(counted(&one).0, 0);
-    let (underived, touching) = counted(&other);
+    let (without_gradients, touching) = counted(&other);
     // The step that releases is in contact no more.
-    assert!(touching > 100 && underived >= touching, "{underived} of {touching}");
+    assert!(touching > 100 && without_gradients >= touching, "{without_gradients} of {touching}");
     other.prepared_gradients();
     assert_eq!(counted(&other).0, 0);
 }

@@ -26,25 +26,25 @@ const ROUNDING_J: f64 = 1e-12;
 const STEPS: usize = 1000;
 
 /// Coarse, so that facets are far from the surface they stand for.
-fn mesh(chance: &mut Chance) -> TriangleMesh {
-    let size = chance.range(0.02, 0.04);
-    match chance.below(7) {
+fn mesh(random: &mut Random) -> TriangleMesh {
+    let size = random.range(0.02, 0.04);
+    match random.below(7) {
         0 => ellipsoid(
-            DVec3::new(size, chance.range(0.02, 0.04), chance.range(0.02, 0.04)),
-            1 + chance.below(2),
+            DVec3::new(size, random.range(0.02, 0.04), random.range(0.02, 0.04)),
+            1 + random.below(2),
         ),
-        1 => cylinder(size, 0.1, 8 + chance.below(16), 5),
+        1 => cylinder(size, 0.1, 8 + random.below(16), 5),
         2 => torus(0.04, 0.4 * size, 16, 8),
-        3 => block(DVec3::splat(size), 1 + chance.below(3)),
-        4 => patch(0.08, 2 + chance.below(6)),
+        3 => block(DVec3::splat(size), 1 + random.below(3)),
+        4 => patch(0.08, 2 + random.below(6)),
         // What a tool that leaves finds itself in again: a valley's other wall, the next sheet.
         5 => {
-            let mut valley = patch(0.06, 4 + chance.below(6));
+            let mut valley = patch(0.06, 4 + random.below(6));
             valley.positions.iter_mut().for_each(|p| p.z = 0.8 * p.x.abs());
             valley
         }
         _ => {
-            let mut sheets = block(DVec3::new(0.03, 0.03, 5e-4), 1 + chance.below(4));
+            let mut sheets = block(DVec3::new(0.03, 0.03, 5e-4), 1 + random.below(4));
             let (count, upper) = (sheets.positions.len() as u32, sheets.clone());
             sheets.positions.extend(upper.positions.iter().map(|p| *p + DVec3::Z * 4e-3));
             sheets.triangles.extend(upper.triangles.iter().map(|t| t.map(|v| v + count)));
@@ -54,18 +54,18 @@ fn mesh(chance: &mut Chance) -> TriangleMesh {
 }
 
 /// Up to 50 times as stiff in some places as in others, without friction in half of the bodies, and in parts of many.
-fn body(chance: &mut Chance, slip: SlipRule, law: Law) -> Body {
-    let mesh = mesh(chance);
-    let graded = chance.range(1.0, 50.0);
-    let friction = if chance.below(2) == 0 { 0.0 } else { chance.range(0.02, 0.5) };
-    let ratio = if chance.below(3) == 0 { chance.range(1.0, 10.0) } else { 1.0 };
-    let radius_m = if chance.below(3) == 0 { chance.range(1e-3, 6e-3) } else { 0.0 };
+fn body(random: &mut Random, slip: SlipRule, law: Law) -> Body {
+    let mesh = mesh(random);
+    let graded = random.range(1.0, 50.0);
+    let friction = if random.below(2) == 0 { 0.0 } else { random.range(0.02, 0.5) };
+    let ratio = if random.below(3) == 0 { random.range(1.0, 10.0) } else { 1.0 };
+    let radius_m = if random.below(3) == 0 { random.range(1e-3, 6e-3) } else { 0.0 };
     let spread = (graded - 1.0) / (graded + 1.0);
     if law == Law::Coupled {
-        let own = coupled::coupled(&mesh, chance, spread.min(0.9), friction, radius_m);
-        return if chance.below(2) == 0 { own } else { coupled::sparse(&own, 4) };
+        let own = coupled::coupled(&mesh, random, spread.min(0.9), friction, radius_m);
+        return if random.below(2) == 0 { own } else { coupled::sparse(&own, 4) };
     }
-    made_body(&mesh, chance, &Making { spread, friction, bare: true, ratio, radius_m, slip })
+    made_body(&mesh, random, &Making { spread, friction, bare: true, ratio, radius_m, slip })
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -92,23 +92,23 @@ struct Done {
 
 /// Wanders over random bodies at any speed, trembles and leaps.
 fn lead(slip: SlipRule, law: Law, tank: bool, bodies: usize) -> Done {
-    let mut chance = Chance::new(41);
+    let mut random = Random::new(41);
     let mut done = Done::default();
     for _ in 0..bodies {
-        let body = body(&mut chance, slip, law);
+        let body = body(&mut random, slip, law);
         let mut contact = Contact::with_slip(&body, slip, Ablation::None).with_tank(tank);
-        let mut way = Wander::new(&body, &mut chance, 0.05);
+        let mut way = Wander::new(&body, &mut random, 0.05);
         let (mut tremor, mut last, mut flagged) = (0.0, Output::default(), 0.0f64);
         for i in 0..STEPS {
             if i % 100 == 0 {
-                way.speed = libm::exp(chance.range(libm::log(2e-3), libm::log(2.0)));
-                tremor = if chance.below(2) == 0 { 0.0 } else { 1e-4 * chance.unit() };
+                way.speed = libm::exp(random.range(libm::log(2e-3), libm::log(2.0)));
+                tremor = if random.below(2) == 0 { 0.0 } else { 1e-4 * random.unit() };
             }
-            if chance.below(60) == 0 {
-                way.x += chance.direction() * chance.range(1e-3, 1e-2);
+            if random.below(60) == 0 {
+                way.x += random.direction() * random.range(1e-3, 1e-2);
                 done.leaps += 1;
             }
-            let o = step(&mut contact, &body, way.x + chance.direction() * (tremor * chance.unit()));
+            let o = step(&mut contact, &body, way.x + random.direction() * (tremor * random.unit()));
             if o.flags.has(Flags::REANCHORED) {
                 flagged += (last.energy.dissipated_j - o.energy.dissipated_j).max(0.0);
             }
@@ -117,7 +117,7 @@ fn lead(slip: SlipRule, law: Law, tank: bool, bodies: usize) -> Done {
             done.moved_j += (o.energy.work_j - last.energy.work_j).abs();
             done.touched += u64::from(o.flags.has(Flags::IN_CONTACT));
             done.reanchored += u64::from(o.flags.has(Flags::REANCHORED));
-            way.next(&o, &body, &mut chance);
+            way.next(&o, &body, &mut random);
             last = o;
         }
         done.slips += contact.counters().slips;

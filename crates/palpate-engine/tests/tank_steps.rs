@@ -65,20 +65,20 @@ fn sagitta(shape: &Smooth, mesh: &TriangleMesh) -> f64 {
 }
 
 /// Stiffness that varies by `spread` within 3 cm.
-fn decoupled(mesh: &TriangleMesh, chance: &mut Chance, spread: f64) -> Body {
-    let [a, b] = [(); 2].map(|()| chance.direction() * 100.0);
+fn decoupled(mesh: &TriangleMesh, random: &mut Random, spread: f64) -> Body {
+    let [a, b] = [(); 2].map(|()| random.direction() * 100.0);
     let wave = |p: DVec3, d: DVec3| 1.0 + spread * libm::sin(p.dot(d));
-    let feel = Feel {
+    let material = Material {
         kz: &|p| 600.0 * wave(p, a),
         kr: &|p| 500.0 * wave(p, b),
         friction: &|_| FRICTION,
         radius_m: 0.0,
     };
-    body_of(Surface::build(mesh, f64::INFINITY).unwrap(), feel)
+    body_of(Surface::build(mesh, f64::INFINITY).unwrap(), material)
 }
 
-fn coupled(mesh: &TriangleMesh, chance: &mut Chance, spread: f64) -> Body {
-    let mut parts = coupled::coupled(mesh, chance, spread, FRICTION, 0.0).parts();
+fn coupled(mesh: &TriangleMesh, random: &mut Random, spread: f64) -> Body {
+    let mut parts = coupled::coupled(mesh, random, spread, FRICTION, 0.0).parts();
     for potential in parts.coupled.iter_mut().flat_map(|law| &mut law.potentials) {
         let knots = potential.friction.knots().to_vec();
         let (level, flat) = (vec![FRICTION; knots.len()], vec![0.0; knots.len()]);
@@ -96,15 +96,15 @@ struct Felt {
 }
 
 /// Pressed, dragged and let go at the speeds of a hand, 1 kHz.
-fn lead(body: &Body, rule: SlipRule, tank: bool, chance: &mut Chance) -> Felt {
+fn lead(body: &Body, rule: SlipRule, tank: bool, random: &mut Random) -> Felt {
     let mut felt = Felt::default();
     for _ in 0..4 {
         let mut contact = Contact::with_slip(body, rule, Ablation::None).with_tank(tank);
-        let mut way = Wander::new(body, chance, 0.1);
+        let mut way = Wander::new(body, random, 0.1);
         let mut last: Option<(DVec3, DVec3, f64)> = None;
         for i in 0..STEPS {
             if i % 150 == 0 {
-                way.speed = libm::exp(chance.range(libm::log(0.01), libm::log(0.3)));
+                way.speed = libm::exp(random.range(libm::log(0.01), libm::log(0.3)));
             }
             let x = way.x;
             let o = step(&mut contact, body, x);
@@ -118,7 +118,7 @@ fn lead(body: &Body, rule: SlipRule, tank: bool, chance: &mut Chance) -> Felt {
                 felt.judged += u64::from(touching);
             }
             last = bound.map(|bound| (x, force(&o), bound));
-            way.next(&o, body, chance);
+            way.next(&o, body, random);
         }
         felt.held_back += contact.counters().held_back;
         assert_eq!(contact.counters().capped, 0);
@@ -135,15 +135,15 @@ fn on_a_fine_surface_slip_that_waited_is_not_felt() {
         assert!(sagitta > 0.2 * SAGITTA_M && sagitta <= SAGITTA_M, "{}: {sagitta} m", shape.name);
         println!("{}, {} triangles, sagitta {:.1} µm", shape.name, mesh.triangles.len(), sagitta * 1e6);
         for (grading, spread) in [("1 : 1.5", 0.2), ("1 : 19", 0.9)] {
-            let mut chance = Chance::new(53);
+            let mut random = Random::new(53);
             let bodies = [
-                ("decoupled", decoupled(&mesh, &mut chance, spread)),
-                ("coupled", coupled(&mesh, &mut chance, spread)),
+                ("decoupled", decoupled(&mesh, &mut random, spread)),
+                ("coupled", coupled(&mesh, &mut random, spread)),
             ];
             for (law, body) in &bodies {
                 for rule in [SlipRule::Paper, SlipRule::Consistent] {
                     let [felt, without] =
-                        [true, false].map(|tank| lead(body, rule, tank, &mut Chance::new(7)));
+                        [true, false].map(|tank| lead(body, rule, tank, &mut Random::new(7)));
                     println!("  {grading}, {law}, {}: {felt:?}; without {:?}", rule.name(), without.excess_n);
                     assert!(felt.judged > 1000, "{felt:?}");
                     if rule == SlipRule::Paper && spread > 0.5 {

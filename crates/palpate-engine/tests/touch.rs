@@ -16,8 +16,8 @@ fn draped(cells: usize, sag: impl Fn(f64, f64) -> f64) -> TriangleMesh {
 }
 
 /// A ball, a bowl, a dome, a saddle; from 2.5 to 12 mm an edge.
-fn mesh(kind: usize, fineness: usize, chance: &mut Chance) -> TriangleMesh {
-    let radius = chance.range(0.025, 0.05);
+fn mesh(kind: usize, fineness: usize, random: &mut Random) -> TriangleMesh {
+    let radius = random.range(0.025, 0.05);
     let cells = 4 << fineness;
     let cap = move |x: f64, y: f64| (radius * radius * 2.5 - x * x - y * y).sqrt() - radius * 2.5f64.sqrt();
     match kind {
@@ -67,7 +67,8 @@ fn depth(body: &Body, x: DVec3, around: f64) -> f64 {
 
 fn soft(mesh: &TriangleMesh, radius_m: f64, friction: f64, rule: SlipRule) -> Body {
     let surface = Surface::build(mesh, f64::INFINITY).unwrap();
-    let body = body_of(surface, Feel { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| friction, radius_m });
+    let body =
+        body_of(surface, Material { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| friction, radius_m });
     ruled(&body, rule)
 }
 
@@ -84,22 +85,22 @@ proptest! {
         seed in any::<u64>(), kind in 0usize..4, fineness in 0usize..3, rule in 0usize..3,
         tool in 0usize..4, friction in prop_oneof![Just(0.0), 0.02f64..0.6],
     ) {
-        let mut chance = Chance::new(seed);
+        let mut random = Random::new(seed);
         let radius = [0.0, 2e-3, 5e-3, 8e-3][tool];
-        let body = soft(&mesh(kind, fineness, &mut chance), radius, friction, SlipRule::ALL[rule]);
+        let body = soft(&mesh(kind, fineness, &mut random), radius, friction, SlipRule::ALL[rule]);
         // Over a place in the middle of the patch, along its normal.
         let middle: Vec<u32> = (0..body.elements().len() as u32)
             .filter(|&e| body.corners(e).iter().all(|p| kind == 0 || p.truncate().length() < 0.014))
             .collect();
-        let element = middle[chance.below(middle.len())];
+        let element = middle[random.below(middle.len())];
         let [p, q, r] = body.corners(element);
-        let (b, c) = (0.6 * chance.unit(), 0.4 * chance.unit());
+        let (b, c) = (0.6 * random.unit(), 0.4 * random.unit());
         let place = p + (q - p) * b + (r - p) * c;
         let out = body.outward(element);
         let aside = out.any_orthonormal_vector();
         let at = |height: f64, sideways: f64| place + out * (radius + height) + aside * sideways;
 
-        let (stride, tremor) = (chance.range(1e-6, 5e-5), chance.range(0.0, 2e-5));
+        let (stride, tremor) = (random.range(1e-6, 5e-5), random.range(0.0, 2e-5));
         let mut contact = Contact::new(&body);
         let (mut height, mut sideways) = (2e-3, 0.0);
         prop_assert!(!step(&mut contact, &body, at(height, sideways)).flags.has(Flags::IN_CONTACT));
@@ -107,7 +108,7 @@ proptest! {
         let mut down = true;
         height = 2e-5;
         for i in 0..400 {
-            sideways += tremor * chance.range(-1.0, 1.0);
+            sideways += tremor * random.range(-1.0, 1.0);
             height += if down { -stride } else { stride };
             let x = at(height, sideways);
             let o = step(&mut contact, &body, x);
@@ -122,9 +123,9 @@ proptest! {
                 lifted += u32::from(touched > 0);
             }
             // Turn where the step releases, or a few after; and at some depth.
-            if down && depth > chance.range(0.0, 20.0) * stride + 1e-6 {
+            if down && depth > random.range(0.0, 20.0) * stride + 1e-6 {
                 down = false;
-            } else if !down && depth < -stride * chance.range(0.0, 3.0) {
+            } else if !down && depth < -stride * random.range(0.0, 3.0) {
                 down = true;
             }
         }
@@ -174,11 +175,11 @@ proptest! {
     fn nothing_is_tunnelled_through(
         seed in any::<u64>(), rule in 0usize..3, tool in 0usize..4, friction in prop_oneof![Just(0.0), 0.02f64..2.0],
     ) {
-        let mut chance = Chance::new(seed);
+        let mut random = Random::new(seed);
         let radius = [0.0, 0.0, 1e-3, 3e-3][tool];
         // Room to hover between any two.
-        let pitch = 2.0 * radius + chance.range(5e-4, 6e-3);
-        let plate = block(DVec3::new(0.03, 0.03, 5e-5), 2 + chance.below(6));
+        let pitch = 2.0 * radius + random.range(5e-4, 6e-3);
+        let plate = block(DVec3::new(0.03, 0.03, 5e-5), 2 + random.below(6));
         let plates: Vec<TriangleMesh> = (0..3)
             .map(|k| TriangleMesh {
                 positions: plate.positions.iter().map(|p| *p + DVec3::Z * (f64::from(k) * pitch)).collect(),
@@ -186,24 +187,24 @@ proptest! {
             })
             .collect();
         let surface = Surface::build(&together(&plates), 0.5).unwrap();
-        let feel = Feel { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| friction, radius_m: radius };
-        let body = ruled(&body_of(surface, feel), SlipRule::ALL[rule]);
+        let material = Material { kz: &|_| 600.0, kr: &|_| 500.0, friction: &|_| friction, radius_m: radius };
+        let body = ruled(&body_of(surface, material), SlipRule::ALL[rule]);
         // Which room a height is in, and which one a touched element belongs to: its plate's upper side, or its lower.
         let room = |z: f64| (z / pitch).ceil().clamp(0.0, 3.0) as usize;
         let side = |element: u32| element as usize / plate.triangles.len() + usize::from(body.outward(element).z > 0.0);
         let mut contact = Contact::new(&body);
-        let mut x = DVec3::new(0.0, 0.0, pitch * (f64::from(chance.below(4) as u32) - 0.5));
+        let mut x = DVec3::new(0.0, 0.0, pitch * (f64::from(random.below(4) as u32) - 0.5));
         let mut here = room(x.z);
         step(&mut contact, &body, x);
         let (mut touched, mut between) = (0, 0);
         for i in 0..300 {
             // Slow, fast, or to where it just touches.
-            let leap = [1e-5, 2e-4, 3e-3, 2e-2][chance.below(4)];
-            x += DVec3::new(chance.range(-0.3, 0.3), chance.range(-0.3, 0.3), chance.range(-1.0, 1.0)) * leap;
+            let leap = [1e-5, 2e-4, 3e-3, 2e-2][random.below(4)];
+            x += DVec3::new(random.range(-0.3, 0.3), random.range(-0.3, 0.3), random.range(-1.0, 1.0)) * leap;
             x = x.clamp(DVec3::new(-4e-3, -4e-3, -0.02), DVec3::new(4e-3, 4e-3, 2.0 * pitch + 0.02));
-            if chance.below(4) == 0 {
-                x.z = pitch * f64::from(chance.below(3) as u32) + chance.range(-1.0, 1.0).signum() * (5e-5 + radius);
-                x.z += chance.range(-1e-5, 1e-5);
+            if random.below(4) == 0 {
+                x.z = pitch * f64::from(random.below(3) as u32) + random.range(-1.0, 1.0).signum() * (5e-5 + radius);
+                x.z += random.range(-1e-5, 1e-5);
             }
             let o = step(&mut contact, &body, x);
             prop_assert!(!o.flags.has(Flags::STARTED_INSIDE) && !o.flags.has(Flags::BORDER) && !o.flags.has(Flags::CAPPED), "{i}: {:?}", o.flags);
@@ -222,7 +223,7 @@ proptest! {
     fn no_shell_is_tunnelled_through(
         seed in any::<u64>(), rule in 0usize..3, levels in 0usize..3, radius in prop_oneof![Just(0.0), 1e-3f64..8e-3],
     ) {
-        let mut chance = Chance::new(seed);
+        let mut random = Random::new(seed);
         let outer = ellipsoid(DVec3::splat(0.03), levels);
         let mut inner = outer.clone();
         // 0.2 mm from facet to facet, whatever their size.
@@ -233,17 +234,17 @@ proptest! {
         let count = outer.triangles.len() as u32;
         let body = soft(&together(&[outer, inner]), radius, 0.2, SlipRule::ALL[rule]);
         let mut contact = Contact::new(&body);
-        let outside = chance.below(2) == 0;
-        let mut x = if outside { chance.direction() * 0.045 } else { DVec3::ZERO };
+        let outside = random.below(2) == 0;
+        let mut x = if outside { random.direction() * 0.045 } else { DVec3::ZERO };
         step(&mut contact, &body, x);
         let mut touched = 0;
         for i in 0..200 {
-            let leap = [2e-5, 5e-4, 4e-3, 2e-2][chance.below(4)];
-            x = (x + chance.direction() * leap).clamp_length_max(0.045);
-            if chance.below(3) == 0 {
+            let leap = [2e-5, 5e-4, 4e-3, 2e-2][random.below(4)];
+            x = (x + random.direction() * leap).clamp_length_max(0.045);
+            if random.below(3) == 0 {
                 let nearest = body.nearest(x, 1.0).unwrap().at;
                 let side = if outside { 1.0 } else { -1.0 };
-                x = body.point(nearest) + x.normalize() * side * (radius + chance.range(-2e-4, 5e-4));
+                x = body.point(nearest) + x.normalize() * side * (radius + random.range(-2e-4, 5e-4));
             }
             let o = step(&mut contact, &body, x);
             prop_assert!(!o.flags.has(Flags::STARTED_INSIDE), "{i}: {:?}", o.flags);

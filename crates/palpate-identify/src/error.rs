@@ -7,7 +7,7 @@ use std::path::Path;
 #[derive(Debug, thiserror::Error)]
 pub enum FitError {
     /// The samples or options are wrong.
-    #[error("{file}{place}: {problem}; {mend}", file = file.as_ref().map(|f| format!("{f}: ")).unwrap_or_default())]
+    #[error("{file}{place}: {problem}; {hint}", file = file.as_ref().map(|f| format!("{f}: ")).unwrap_or_default())]
     Invalid {
         /// The samples' file, once it is known (see [`FitError::in_file`]).
         file: Option<String>,
@@ -16,7 +16,7 @@ pub enum FitError {
         /// What was found there, and what was expected.
         problem: String,
         /// What the user can do about it.
-        mend: String,
+        hint: String,
     },
     /// The operating system refused to read.
     #[error("{file}: {source}; check that the path exists and is readable")]
@@ -35,17 +35,17 @@ impl FitError {
     pub(crate) fn invalid(
         place: impl Into<String>,
         problem: impl Into<String>,
-        mend: impl Into<String>,
+        hint: impl Into<String>,
     ) -> Self {
-        FitError::Invalid { file: None, place: place.into(), problem: problem.into(), mend: mend.into() }
+        FitError::Invalid { file: None, place: place.into(), problem: problem.into(), hint: hint.into() }
     }
 
     /// The same error with the samples' file in it, unless it already names one.
     #[must_use]
     pub fn in_file(self, path: &Path) -> Self {
         match self {
-            FitError::Invalid { file: None, place, problem, mend } => {
-                FitError::Invalid { file: Some(path.display().to_string()), place, problem, mend }
+            FitError::Invalid { file: None, place, problem, hint } => {
+                FitError::Invalid { file: Some(path.display().to_string()), place, problem, hint }
             }
             other => other,
         }

@@ -5,7 +5,7 @@ use crate::samples::{Component, Sample};
 use crate::spread::{place, spread};
 use glam::DVec3;
 use palpate_body::curve::MAX_KNOTS;
-use palpate_body::{Curve, Extension, Interpolation, NodeMix, Response, Surface};
+use palpate_body::{BlendWeights, Curve, Extension, Interpolation, Response, Surface};
 use std::collections::HashMap;
 
 /// How samples become curves.
@@ -21,7 +21,7 @@ pub struct FitOptions {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
     /// One for each node.
-    pub mixes: Vec<NodeMix>,
+    pub blends: Vec<BlendWeights>,
     /// One for each test point, on shared knots.
     pub responses: Vec<Response>,
     /// The node each test point sits on.
@@ -63,7 +63,7 @@ pub struct PointReport {
 pub(crate) const SAME_DEFLECTION: f64 = 1e-8;
 
 /// Makes a response for each point that `samples` name, in the order of their first rows, matches each to the surface
-/// node nearest to it, and gives every other node a mix of the points around it (see [`spread`]).
+/// node nearest to it, and gives every other node a blend of the points around it (see [`spread`]).
 ///
 /// Force curves begin at (0, 0) and pass through the point's samples; friction is held at its first value down to
 /// depth 0. Lateral samples of different directions at one deflection are averaged. A component that some points lack
@@ -85,7 +85,7 @@ pub fn fit(surface: &Surface, samples: &[Sample], options: &FitOptions) -> Resul
     let friction = curves.fit(Component::Friction, &depth, &mut notes)?;
     let responses = normal.into_iter().zip(lateral).zip(friction);
     let responses = responses.map(|((normal, lateral), friction)| Response { normal, lateral, friction });
-    let mixes = spread(surface, &nodes)?;
+    let blends = spread(surface, &nodes)?;
 
     let report = FitReport {
         points: (points.iter().zip(&nodes).zip(&distances))
@@ -101,7 +101,7 @@ pub fn fit(surface: &Surface, samples: &[Sample], options: &FitOptions) -> Resul
         notes,
         largest_distance_m: distances.into_iter().fold(0.0, f64::max),
     };
-    Ok(Fit { mixes, responses: responses.collect(), test_point_nodes: nodes, report })
+    Ok(Fit { blends, responses: responses.collect(), test_point_nodes: nodes, report })
 }
 
 /// A point and its rows of each component, by deflection.
@@ -166,7 +166,7 @@ fn points<'a>(samples: &'a [Sample], notes: &mut Vec<String>) -> Result<Vec<Poin
 }
 
 fn check(row: &Sample) -> Result<(), FitError> {
-    let bad = |problem: String, mend: &str| Err(FitError::invalid(place_of(row), problem, mend));
+    let bad = |problem: String, hint: &str| Err(FitError::invalid(place_of(row), problem, hint));
     if row.position_m.iter().any(|x| !x.is_finite()) {
         return bad(format!("its position is {:?} m", row.position_m), "give finite coordinates");
     }
@@ -330,7 +330,7 @@ impl Curves<'_> {
 
     fn without_rows(&self, component: Component, knots: &[f64]) -> Result<Vec<Curve>, FitError> {
         let missing =
-            |mend: &str| Err(FitError::invalid("samples", format!("there is no {component} row"), mend));
+            |hint: &str| Err(FitError::invalid("samples", format!("there is no {component} row"), hint));
         if component != Component::Friction {
             return missing("give each component at one point at least");
         }
@@ -410,7 +410,7 @@ impl Curves<'_> {
         if component == Component::Lateral { rising_end(&curve) } else { Ok(curve) }
     }
 
-    /// Gives the points without a curve the mix of the points around that have one.
+    /// Gives the points without a curve the blend of the points around that have one.
     fn fill(
         &self,
         component: Component,
@@ -426,13 +426,13 @@ impl Curves<'_> {
             curves.len() - having.len(),
             curves.len()
         ));
-        let mixes = place(self.surface, &having.iter().map(|&i| self.nodes[i]).collect::<Vec<_>>())?;
+        let blends = place(self.surface, &having.iter().map(|&i| self.nodes[i]).collect::<Vec<_>>())?;
         let known: Vec<&Curve> = curves.iter().flatten().collect();
         let filled = curves.iter().enumerate().map(|(i, own)| {
             if let Some(own) = own {
                 return Ok(own.clone());
             }
-            let Some(mix) = mixes[self.surface.vertices()[self.nodes[i] as usize] as usize] else {
+            let Some(blend) = blends[self.surface.vertices()[self.nodes[i] as usize] as usize] else {
                 return Err(FitError::invalid(
                     format!("line {} (point `{}`)", self.points[i].line, self.points[i].name),
                     format!("no point on its connected part of the surface has {component} rows"),
@@ -440,8 +440,8 @@ impl Curves<'_> {
                 ));
             };
             let terms =
-                std::array::from_fn::<_, 3, _>(|j| (mix.weights[j], known[mix.test_points[j] as usize]));
-            Ok(Curve::mix(&terms)?)
+                std::array::from_fn::<_, 3, _>(|j| (blend.weights[j], known[blend.test_points[j] as usize]));
+            Ok(Curve::blend(&terms)?)
         });
         filled.collect()
     }

@@ -1,7 +1,7 @@
 //! Samples of force against deflection become a body's responses.
 //!
 //! [`read_samples`] reads measured rows (CSV), [`fit`] makes one curve of each kind for every point and places the
-//! points on a surface, and [`spread`] gives every other node a mix of the test points around it. Together with the
+//! points on a surface, and [`spread`] gives every other node a blend of the test points around it. Together with the
 //! surface they are what [`palpate_body::Body::new`] asks for.
 //!
 //! Curves pass through every sample: what is noisy must be smoothed first.
@@ -15,12 +15,12 @@
 //!
 //! let surface = Shape::Sphere { radius_mm: 30.0 }.surface(Default::default())?;
 //! let samples = read_samples("ball.csv".as_ref())?;
-//! let Fit { mixes, responses, test_point_nodes, report } = fit(&surface, &samples, &FitOptions::default())?;
+//! let Fit { blends, responses, test_point_nodes, report } = fit(&surface, &samples, &FitOptions::default())?;
 //! println!("the points lie within {} m of their nodes", report.largest_distance_m);
 //! let (tool, slip, provenance) = (Tool::Point, SlipRule::Paper, Provenance::default());
 //! let lateral_tensors = None; // alike in all directions
 //! let body = Body::new(BodyParts {
-//!     surface, mixes, responses, test_point_nodes, coupled: None, lateral_tensors, tool, slip, provenance,
+//!     surface, blends, responses, test_point_nodes, coupled: None, lateral_tensors, tool, slip, provenance,
 //! })?;
 //! body.save("ball.body".as_ref())?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())

@@ -2,16 +2,16 @@
 //!
 //! The normal curve is the force along u^z over depth. Of the lateral response the model keeps one curve and one
 //! tensor (MODEL 7): f_t = (f_r(ρ)/ρ) A δ_t with ρ² = δ_t·A δ_t, whatever the depth. The simulation knows better, since
-//! tissue stiffens sideways as it is pressed: curve and tensor are a weighted mean over the depths, and what that costs
+//! tissue stiffens laterally as it is pressed: curve and tensor are a weighted mean over the depths, and what that costs
 //! is reported for each point.
 
 use crate::error::FitError;
 use crate::fit::{Fit, FitReport, PointReport, SAME_DEFLECTION, knot, rising_end, tidy};
 use crate::spread::{follow, place, spread_everywhere};
-use crate::test_points::check_guide;
+use crate::test_points::check_prior;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use palpate_body::curve::MAX_KNOTS;
-use palpate_body::{Curve, Extension, Interpolation, NodeMix, PointErrors, Response, Surface};
+use palpate_body::{BlendWeights, Curve, Extension, Interpolation, PointErrors, Response, Surface};
 
 /// What was simulated at one test point, as far as it went.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -47,15 +47,15 @@ pub struct PathOptions {
     /// Whether the lateral stiffness may differ with the direction.
     pub anisotropic: bool,
     /// A positive number for each node that the normal force goes with, such as the stiffness of a linear body under
-    /// a patch of load. Mixes are bent so that the force at 60 % of the greatest depth is that of the points around,
-    /// scaled as the guide's power that fits the test points best.
-    pub guide: Option<Vec<f64>>,
+    /// a patch of load. Blends are bent so that the force at 60 % of the greatest depth is that of the points around,
+    /// scaled as the prior's power that fits the test points best.
+    pub compliance_prior: Option<Vec<f64>>,
 }
 
 impl Default for PathOptions {
-    /// No friction, anisotropic, no guide.
+    /// No friction, anisotropic, no compliance prior.
     fn default() -> Self {
-        PathOptions { friction: vec![(0.0, 0.0)], anisotropic: true, guide: None }
+        PathOptions { friction: vec![(0.0, 0.0)], anisotropic: true, compliance_prior: None }
     }
 }
 
@@ -82,12 +82,12 @@ const LEAST_SLOPE: f64 = 0.01;
 ///
 /// Knots are the depths and distances of all records. A press that ended early goes on along its end slope; a point
 /// without drags has the lateral response of the points around. Every node's tensor is the mean of its test points' by
-/// the mix's weights, each turned with the smallest rotation that takes the test point's u^z to the node's: the plain
+/// the blend's weights, each turned with the smallest rotation that takes the test point's u^z to the node's: the plain
 /// mean, as the engine's own between nodes, which keeps trace and definiteness.
 ///
 /// # Errors
 /// Rows that don't ascend, numbers that are not finite, directions that are no unit vectors, two records on one node,
-/// no record with pressed states, or none with drags, more than [`MAX_KNOTS`] knots, or a guide that is
+/// no record with pressed states, or none with drags, more than [`MAX_KNOTS`] knots, or a compliance prior that is
 /// not one positive number for each node.
 pub fn fit_paths(
     surface: &Surface,
@@ -145,19 +145,19 @@ pub fn fit_paths(
             friction: friction.clone(),
         });
     }
-    let (mut mixes, alone) = spread_everywhere(surface, &nodes)?;
+    let (mut blends, alone) = spread_everywhere(surface, &nodes)?;
     if alone > 0 {
         notes.push(format!(
             "{alone} nodes are on parts of the surface without a test point: theirs is the nearest one's response"
         ));
     }
-    if let Some(guide) = &options.guide {
-        check_guide(Some(guide), surface.positions().len())?;
-        follow_guide(&mut mixes, &responses, &nodes, guide, &mut notes);
+    if let Some(compliance_prior) = &options.compliance_prior {
+        check_prior(Some(compliance_prior), surface.positions().len())?;
+        apply_prior(&mut blends, &responses, &nodes, compliance_prior, &mut notes);
     }
     let deviators: Vec<DMat3> = lateral.into_iter().map(|(_, deviator)| deviator).collect();
-    let lateral_tensors = (mixes.iter().zip(surface.inward_normals()))
-        .map(|(mix, &u)| tensor(mixed(mix, &deviators, &kept, u)))
+    let lateral_tensors = (blends.iter().zip(surface.inward_normals()))
+        .map(|(blend, &u)| tensor(blended(blend, &deviators, &kept, u)))
         .collect();
     let report = FitReport {
         points: kept
@@ -174,27 +174,30 @@ pub fn fit_paths(
         notes,
         largest_distance_m: 0.0,
     };
-    let fit = Fit { mixes, responses, test_point_nodes: nodes, report };
+    let fit = Fit { blends, responses, test_point_nodes: nodes, report };
     Ok(PathFit { fit, lateral_tensors, errors })
 }
 
-/// Depth at which mixes are bent to a guide, as a share of the last knot: where most of a press's force is felt.
+/// Depth at which blends are bent to a compliance prior, as a share of the last knot: where most of a press's force is felt.
 const GUIDED_DEPTH: f64 = 0.6;
 
-/// Interpolates f/gᵖ instead of f, where g is the guide: f varies many times over between a body's thin and thick parts,
+/// Interpolates f/gᵖ instead of f, where g is the compliance prior: f varies many times over between a body's thin and thick parts,
 /// and over far less than the distance of test points; the quotient hardly does.
-fn follow_guide(
-    mixes: &mut [NodeMix],
+fn apply_prior(
+    blends: &mut [BlendWeights],
     responses: &[Response],
     nodes: &[u32],
-    guide: &[f64],
+    compliance_prior: &[f64],
     notes: &mut Vec<String>,
 ) {
     let end = responses[0].normal.knots().last().copied().unwrap_or_default();
     let forces: Vec<f64> = responses.iter().map(|r| r.normal.value(GUIDED_DEPTH * end)).collect();
-    let own: Vec<f64> = nodes.iter().map(|&n| guide[n as usize]).collect();
+    let own: Vec<f64> = nodes.iter().map(|&n| compliance_prior[n as usize]).collect();
     if forces.iter().any(|f| *f <= 0.0) {
-        notes.push("the guide was not followed: some test points have no force at 60 % of the depth".into());
+        notes.push(
+            "the compliance prior was not followed: some test points have no force at 60 % of the depth"
+                .into(),
+        );
         return;
     }
     // The line through (ln g, ln f); where g does not vary it tells nothing.
@@ -206,14 +209,14 @@ fn follow_guide(
         .iter()
         .fold((0.0, 0.0), |(gg, gf), l| (gg + (l.0 - gm) * (l.0 - gm), gf + (l.0 - gm) * (l.1 - fm)));
     let power = if gg > 1e-6 * n { (gf / gg).clamp(0.0, 2.0) } else { 0.0 };
-    for (mix, &g) in mixes.iter_mut().zip(guide) {
-        let values = mix.test_points.map(|t| forces[t as usize]);
+    for (blend, &g) in blends.iter_mut().zip(compliance_prior) {
+        let values = blend.test_points.map(|t| forces[t as usize]);
         let quotient: f64 = (0..3)
-            .map(|j| mix.weights[j] * values[j] / libm::pow(own[mix.test_points[j] as usize], power))
+            .map(|j| blend.weights[j] * values[j] / libm::pow(own[blend.test_points[j] as usize], power))
             .sum();
-        follow(mix, values, quotient * libm::pow(g, power));
+        follow(blend, values, quotient * libm::pow(g, power));
     }
-    notes.push(format!("mixes follow the guide: the normal force goes as its power {power:.2}"));
+    notes.push(format!("blends follow the compliance prior: the normal force goes as its power {power:.2}"));
 }
 
 fn check(r: usize, record: &PointRecord, surface: &Surface) -> Result<(), FitError> {
@@ -587,24 +590,24 @@ fn fill(
     let known: Vec<(&Curve, &DMat3)> =
         points.iter().filter_map(|p| Some((p.lateral.as_ref()?, &p.deviator))).collect();
     let sources: Vec<u32> = having.iter().map(|&i| nodes[i]).collect();
-    let mixes = if having.len() < points.len() { place(surface, &sources)? } else { Vec::new() };
+    let blends = if having.len() < points.len() { place(surface, &sources)? } else { Vec::new() };
     let inward = |n: u32| surface.inward_normals()[n as usize];
     let filled = points.iter().enumerate().map(|(i, point)| {
         if let Some(curve) = &point.lateral {
             return Ok((curve.clone(), point.deviator));
         }
-        let mix = mixes[surface.vertices()[nodes[i] as usize] as usize].unwrap_or_else(|| {
+        let blend = blends[surface.vertices()[nodes[i] as usize] as usize].unwrap_or_else(|| {
             // None on its part of the surface: the nearest in space, rather than no body after a long run.
             let at = |n: u32| surface.positions()[n as usize];
             let distance = |&t: &usize| at(sources[t]).distance_squared(at(nodes[i]));
             let nearest = (0..sources.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
-            NodeMix::own(nearest.unwrap_or_default() as u32)
+            BlendWeights::own(nearest.unwrap_or_default() as u32)
         });
-        let parts = (0..3).map(|j| (mix.weights[j], mix.test_points[j] as usize));
+        let parts = (0..3).map(|j| (blend.weights[j], blend.test_points[j] as usize));
         let terms: Vec<(f64, &Curve)> = parts.clone().map(|(w, t)| (w, known[t].0)).collect();
         let deviator = parts.map(|(w, t)| turned(known[t].1, inward(sources[t]), inward(nodes[i])) * w);
         errors[i].lateral_n = 0.0;
-        Ok((Curve::mix(&terms)?, deviator.fold(DMat3::ZERO, |sum, d| sum + d)))
+        Ok((Curve::blend(&terms)?, deviator.fold(DMat3::ZERO, |sum, d| sum + d)))
     });
     filled.collect()
 }
@@ -618,8 +621,8 @@ fn turned(deviator: &DMat3, from: DVec3, to: DVec3) -> DMat3 {
     turn * *deviator * turn.transpose()
 }
 
-fn mixed(mix: &NodeMix, deviators: &[DMat3], records: &[&PointRecord], u: DVec3) -> DMat3 {
-    let parts = mix.test_points.iter().zip(mix.weights).filter(|(_, w)| *w > 0.0);
+fn blended(blend: &BlendWeights, deviators: &[DMat3], records: &[&PointRecord], u: DVec3) -> DMat3 {
+    let parts = blend.test_points.iter().zip(blend.weights).filter(|(_, w)| *w > 0.0);
     let sum = parts.map(|(&t, w)| turned(&deviators[t as usize], records[t as usize].inward, u) * w);
     let sum = sum.fold(DMat3::ZERO, |sum, d| sum + d);
     if sum == DMat3::ZERO {

@@ -137,7 +137,7 @@ fn check(samples: &[ContactSample], options: &PotentialOptions) -> Result<(), Fi
     for (i, s) in samples.iter().enumerate() {
         let [x, y] = s.lateral_m;
         if !(s.depth_m >= 0.0 && s.depth_m < 10.0 && x.abs() < 10.0 && y.abs() < 10.0) {
-            let problem = format!("its deflection is {} m deep and ({x}, {y}) m aside", s.depth_m);
+            let problem = format!("its deflection is {} m deep and ({x}, {y}) m laterally", s.depth_m);
             return Err(FitError::invalid(format!("sample {i}"), problem, "give depths of 0 or more, in m"));
         }
         if !(s.force_n.iter().all(|f| f.abs() < 1e12) && s.weight >= 0.0 && s.weight < 1e12) {
@@ -153,7 +153,7 @@ fn check(samples: &[ContactSample], options: &PotentialOptions) -> Result<(), Fi
         ));
     }
     if !samples.iter().any(|s| s.depth_m > 1e-6 && s.weight > 0.0 && s.lateral_m != [0.0; 2]) {
-        let problem = "none is deflected sideways, so that nothing says how stiff the point is laterally";
+        let problem = "none is deflected laterally, so that nothing says how stiff the point is laterally";
         return Err(FitError::invalid(
             "samples",
             problem,

@@ -76,7 +76,7 @@ fn parse(text: &str) -> Result<Vec<Sample>, FitError> {
         .trim(csv::Trim::All)
         .flexible(true)
         .from_reader(text.as_bytes());
-    let broken = |e: csv::Error| FitError::invalid("table", e.to_string(), "mend the file");
+    let broken = |e: csv::Error| FitError::invalid("table", e.to_string(), "correct the file");
     let header = reader.headers().map_err(broken)?.clone();
     let columns: HashMap<&str, usize> = header.iter().enumerate().map(|(i, name)| (name, i)).collect();
     if let Some(missing) = NEEDED.iter().find(|name| !columns.contains_key(*name)) {
@@ -91,8 +91,8 @@ fn parse(text: &str) -> Result<Vec<Sample>, FitError> {
         ));
     }
     if DIRECTION.iter().filter(|name| columns.contains_key(*name)).count() % 3 != 0 {
-        let mend = format!("give all of {}, or none", DIRECTION.join(", "));
-        return Err(FitError::invalid("header", "a direction lacks a column", mend));
+        let hint = format!("give all of {}, or none", DIRECTION.join(", "));
+        return Err(FitError::invalid("header", "a direction lacks a column", hint));
     }
 
     let mut samples = Vec::new();
@@ -143,7 +143,7 @@ impl Row<'_> {
             let place = format!("{}, column `{name}`", self.place());
             FitError::invalid(
                 place,
-                format!("`{cell}` is no number"),
+                format!("`{cell}` is NaN or infinite"),
                 "write it in SI units, like 0.003 or 3e-3",
             )
         })
@@ -221,14 +221,14 @@ mod tests {
     }
 
     #[test]
-    fn messages_name_the_line_and_the_mend() {
+    fn messages_name_the_line_and_the_hint() {
         let refused = |text: &str, words: &[&str]| {
             let message = parse(text).unwrap_err().to_string();
             assert!(words.iter().all(|w| message.contains(w)), "{message}");
             assert!(!message.contains('\n'), "{message}");
         };
         let row = |row: &str, words: &[&str]| refused(&format!("# comment\n{HEADER}\n# c\n{row}\n"), words);
-        row("a,0,0,zero,normal,1e-3,1", &["line 4, column `z_m`", "`zero` is no number"]);
+        row("a,0,0,zero,normal,1e-3,1", &["line 4, column `z_m`", "`zero` is NaN or infinite"]);
         row("a,0,0,0,normal,NaN,1", &["line 4, column `deflection_m`", "`NaN`", "SI units"]);
         row("a,0,0,0,normal,1e-3,", &["line 4, column `value`"]);
         row("a,0,0,0,normaal,1e-3,1", &["line 4", "`normaal`", "normal, lateral or friction"]);

@@ -1,4 +1,4 @@
-//! Which test points a node mixes: area interpolation from the mesh of test points (the paper's Fig. 7).
+//! Which test points a node blends: area interpolation from the mesh of test points (the paper's Fig. 7).
 //!
 //! That mesh is the dual of the test points' Voronoi cells on the surface: each vertex is labelled with the test
 //! point that is nearest along the surface, and an element whose vertices have three labels joins these three. A node
@@ -8,23 +8,23 @@
 use crate::error::FitError;
 use crate::geodesic::{Geodesic, Lists, NONE, vertex_positions};
 use glam::DVec3;
-use palpate_body::{NodeMix, Surface};
+use palpate_body::{BlendWeights, Surface};
 
-/// A mix for every node: a node that is a test point is its own, any other mixes up to three around it.
+/// A blend for every node: a node that is a test point is its own, any other blends up to three around it.
 ///
 /// Weights are non-negative and sum to 1, test points ascend, and neighbouring nodes between the same three test
-/// points name them alike. All nodes of a creased vertex have the same mix.
+/// points name them alike. All nodes of a creased vertex have the same blend.
 ///
 /// # Errors
 /// No test point, one that is no node, two on one vertex, or a connected part of the surface without any.
-pub fn spread(surface: &Surface, test_point_nodes: &[u32]) -> Result<Vec<NodeMix>, FitError> {
-    let mixes = place(surface, test_point_nodes)?;
+pub fn spread(surface: &Surface, test_point_nodes: &[u32]) -> Result<Vec<BlendWeights>, FitError> {
+    let blends = place(surface, test_point_nodes)?;
     surface
         .vertices()
         .iter()
         .enumerate()
         .map(|(n, &v)| {
-            mixes[v as usize].ok_or_else(|| {
+            blends[v as usize].ok_or_else(|| {
                 let p = surface.positions()[n];
                 FitError::invalid(
                     format!("node {n} at ({:.6}, {:.6}, {:.6}) m", p.x, p.y, p.z),
@@ -36,13 +36,13 @@ pub fn spread(surface: &Surface, test_point_nodes: &[u32]) -> Result<Vec<NodeMix
         .collect()
 }
 
-/// Bends a mix so that it makes `target` of its test points' values; all are positive.
+/// Bends a blend so that it makes `target` of its test points' values; all are positive.
 ///
 /// Of the values v and the target t, gᵢ = vᵢ/t − 1: weights are wᵢ = nᵢ / (1 + θ gᵢ) with nᵢ those before, and θ such that
 /// Σ wᵢ gᵢ = 0: of all that satisfy it, the nearest to nᵢ by Σ nᵢ ln(nᵢ/wᵢ) (empirical likelihood, Owen 1988). They sum
-/// to 1 by themselves. Where the target is beyond all three values the mix is the nearest of them.
-pub(crate) fn follow(mix: &mut NodeMix, values: [f64; 3], target: f64) {
-    mix.weights = bend(mix.weights, values.map(|value| value / target - 1.0));
+/// to 1 by themselves. Where the target is beyond all three values the blend is the nearest of them.
+pub(crate) fn follow(blend: &mut BlendWeights, values: [f64; 3], target: f64) {
+    blend.weights = bend(blend.weights, values.map(|value| value / target - 1.0));
 }
 
 /// As [`spread`], but a part of the surface without a test point, such as the wall of a hollow that no tool reaches,
@@ -50,22 +50,22 @@ pub(crate) fn follow(mix: &mut NodeMix, values: [f64; 3], target: f64) {
 pub(crate) fn spread_everywhere(
     surface: &Surface,
     test_point_nodes: &[u32],
-) -> Result<(Vec<NodeMix>, usize), FitError> {
+) -> Result<(Vec<BlendWeights>, usize), FitError> {
     let placed = place(surface, test_point_nodes)?;
     let mut alone = 0;
     let nearest = |p: DVec3| {
         let distance = |t: &usize| surface.positions()[test_point_nodes[*t] as usize].distance_squared(p);
         (0..test_point_nodes.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
     };
-    let mixes = (surface.vertices().iter().zip(surface.positions()))
+    let blends = (surface.vertices().iter().zip(surface.positions()))
         .map(|(&v, &p)| {
             placed[v as usize].unwrap_or_else(|| {
                 alone += 1;
-                NodeMix::own(nearest(p) as u32)
+                BlendWeights::own(nearest(p) as u32)
             })
         })
         .collect();
-    Ok((mixes, alone))
+    Ok((blends, alone))
 }
 
 /// Weights near `n` with Σ w d = 0.
@@ -92,8 +92,11 @@ fn bend(n: [f64; 3], d: [f64; 3]) -> [f64; 3] {
     w.map(|w| w / sum)
 }
 
-/// A mix for every vertex; none where no test point can be reached along the surface.
-pub(crate) fn place(surface: &Surface, test_point_nodes: &[u32]) -> Result<Vec<Option<NodeMix>>, FitError> {
+/// A blend for every vertex; none where no test point can be reached along the surface.
+pub(crate) fn place(
+    surface: &Surface,
+    test_point_nodes: &[u32],
+) -> Result<Vec<Option<BlendWeights>>, FitError> {
     let positions = vertex_positions(surface);
     let count = positions.len();
     let sources = sources(surface.vertices(), test_point_nodes)?;
@@ -101,9 +104,9 @@ pub(crate) fn place(surface: &Surface, test_point_nodes: &[u32]) -> Result<Vec<O
     let labels = Geodesic::new(surface, &length).cells(&sources);
     let dual = Dual::new(surface, &labels, sources.iter().map(|&v| positions[v as usize]).collect());
 
-    let mut mixes = vec![None; count];
+    let mut blends = vec![None; count];
     for (t, &v) in sources.iter().enumerate() {
-        mixes[v as usize] = Some(NodeMix::own(t as u32));
+        blends[v as usize] = Some(BlendWeights::own(t as u32));
     }
     // Cell by cell, so that each cell's surroundings are gathered once.
     let labelled = labels.iter().enumerate().filter(|&(_, &t)| t != NONE).map(|(v, &t)| (t, v as u32));
@@ -114,11 +117,11 @@ pub(crate) fn place(surface: &Surface, test_point_nodes: &[u32]) -> Result<Vec<O
         if cell.len() > 1 {
             dual.around(t, &mut around);
             for &v in cell.iter().filter(|&&v| v != sources[t as usize]) {
-                mixes[v as usize] = Some(dual.mix(positions[v as usize], t, &around));
+                blends[v as usize] = Some(dual.blend(positions[v as usize], t, &around));
             }
         }
     }
-    Ok(mixes)
+    Ok(blends)
 }
 
 /// The vertex of each test point.
@@ -211,9 +214,9 @@ impl Dual {
         around.dedup();
     }
 
-    /// The mix at `p`, in the cell of `t`: the nearest point of the simplices around, by area coordinates.
-    fn mix(&self, p: DVec3, t: u32, around: &[u32]) -> NodeMix {
-        let mut nearest = (f64::INFINITY, NodeMix::own(t));
+    /// The blend at `p`, in the cell of `t`: the nearest point of the simplices around, by area coordinates.
+    fn blend(&self, p: DVec3, t: u32, around: &[u32]) -> BlendWeights {
+        let mut nearest = (f64::INFINITY, BlendWeights::own(t));
         for &s in around {
             let (middle, radius) = self.balls[s as usize];
             if p.distance(middle) > nearest.0 + radius {
@@ -230,15 +233,15 @@ impl Dual {
             let at = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
             let distance = p.distance(at);
             if distance < nearest.0 {
-                nearest = (distance, NodeMix { test_points, weights });
+                nearest = (distance, BlendWeights { test_points, weights });
             }
         }
-        let mut mix = nearest.1;
+        let mut blend = nearest.1;
         // Rounding of no meaning would keep a third curve in every look-up.
-        mix.weights = mix.weights.map(|w| if w < 1e-12 { 0.0 } else { w });
-        let sum: f64 = mix.weights.iter().sum();
-        mix.weights = mix.weights.map(|w| w / sum);
-        mix
+        blend.weights = blend.weights.map(|w| if w < 1e-12 { 0.0 } else { w });
+        let sum: f64 = blend.weights.iter().sum();
+        blend.weights = blend.weights.map(|w| w / sum);
+        blend
     }
 }
 

@@ -4,7 +4,7 @@
 //! collapse would keep original vertices too, but it ends at a number of triangles, not of points, it thins out flat
 //! parts, which are as soft as any, and the library at hand for it is C++.
 //!
-//! Lengths are those of the surface lifted by its normals and by the guide: where the surface turns, or the guide
+//! Lengths are those of the surface lifted by its normals and by the compliance prior: where the surface turns, or the compliance prior
 //! changes, it is longer, and points are denser.
 
 use crate::error::FitError;
@@ -48,7 +48,7 @@ pub fn touchable(surface: &Surface, held: &[bool], margin_m: f64) -> Result<Vec<
 /// Chooses test points among the nodes that `touchable` says can be touched: one entry for each node, which is true
 /// where the tool may come. Some of them lie on its rim, so that little of it lies outside the points' mesh.
 ///
-/// `guide`, if given, is a positive number for each node that the response is known to go with, such as the
+/// `compliance_prior`, if given, is a positive number for each node that the response is known to go with, such as the
 /// stiffness of a linear body: points are denser where it changes.
 ///
 /// The result ascends, has exactly the count asked for, one node for a vertex, and depends on nothing else.
@@ -60,14 +60,14 @@ pub fn test_points(
     surface: &Surface,
     touchable: &[bool],
     amount: Amount,
-    guide: Option<&[f64]>,
+    compliance_prior: Option<&[f64]>,
 ) -> Result<Vec<u32>, FitError> {
     let nodes = surface.positions().len();
     if touchable.len() != nodes {
         let problem = format!("{} entries for {nodes} nodes", touchable.len());
         return Err(FitError::invalid("what can be touched", problem, "give one for each node"));
     }
-    check_guide(guide, nodes)?;
+    check_prior(compliance_prior, nodes)?;
     let positions = vertex_positions(surface);
     // The first node of a vertex speaks for it; it can be touched where any of its nodes can.
     let mut first = vec![NONE; positions.len()];
@@ -81,8 +81,8 @@ pub fn test_points(
     }
     let available = open.iter().filter(|&&o| o).count();
     if available == 0 {
-        let (problem, mend) = ("there is nothing", "leave a part of the surface free of supports");
-        return Err(FitError::invalid("what can be touched", problem, mend));
+        let (problem, hint) = ("there is nothing", "leave a part of the surface free of supports");
+        return Err(FitError::invalid("what can be touched", problem, hint));
     }
     let triangles: Vec<[u32; 3]> =
         surface.elements().iter().map(|e| e.nodes.map(|n| surface.vertices()[n as usize])).collect();
@@ -113,7 +113,7 @@ pub fn test_points(
         ));
     }
 
-    let lifted = lift(surface, &positions, &first, guide, (area / count as f64).sqrt());
+    let lifted = lift(surface, &positions, &first, compliance_prior, (area / count as f64).sqrt());
     let length = |a: u32, b: u32| distance(&lifted[a as usize], &lifted[b as usize]);
     let mut weights = vec![0.0; positions.len()];
     for t in &triangles {
@@ -140,37 +140,45 @@ pub fn test_points(
     Ok(chosen)
 }
 
-pub(crate) fn check_guide(guide: Option<&[f64]>, nodes: usize) -> Result<(), FitError> {
-    let Some(guide) = guide else { return Ok(()) };
-    let bad = |place: String, problem: String, mend: &str| Err(FitError::invalid(place, problem, mend));
-    if guide.len() != nodes {
-        return bad("guide".into(), format!("{} values for {nodes} nodes", guide.len()), "give one for each");
+pub(crate) fn check_prior(compliance_prior: Option<&[f64]>, nodes: usize) -> Result<(), FitError> {
+    let Some(compliance_prior) = compliance_prior else { return Ok(()) };
+    let bad = |place: String, problem: String, hint: &str| Err(FitError::invalid(place, problem, hint));
+    if compliance_prior.len() != nodes {
+        return bad(
+            "compliance prior".into(),
+            format!("{} values for {nodes} nodes", compliance_prior.len()),
+            "give one for each",
+        );
     }
-    match guide.iter().position(|g| !(*g > 0.0 && g.is_finite())) {
-        Some(n) => bad(format!("guide, node {n}"), format!("it is {}", guide[n]), "give positive numbers"),
+    match compliance_prior.iter().position(|g| !(*g > 0.0 && g.is_finite())) {
+        Some(n) => bad(
+            format!("compliance prior, node {n}"),
+            format!("it is {}", compliance_prior[n]),
+            "give positive numbers",
+        ),
         None => Ok(()),
     }
 }
 
-/// A point in space, with its normal and guide as further coordinates.
+/// A point in space, with its normal and prior as further coordinates.
 type Lifted = [f64; 7];
 
 fn distance(a: &Lifted, b: &Lifted) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
 }
 
-/// Vertices, lifted: a turn of 1 rad counts as one spacing, and so does a third of an e-fold change of the guide.
+/// Vertices, lifted: a turn of 1 rad counts as one spacing, and so does a third of an e-fold change of the compliance prior.
 /// Interpolation between points that far apart would be off by more than the goal of a few percent.
 fn lift(
     surface: &Surface,
     positions: &[DVec3],
     first: &[u32],
-    guide: Option<&[f64]>,
+    compliance_prior: Option<&[f64]>,
     spacing: f64,
 ) -> Vec<Lifted> {
     let lift = |(p, &n): (&DVec3, &u32)| {
         let u = surface.inward_normals()[n as usize] * spacing;
-        let g = guide.map_or(0.0, |g| 3.0 * spacing * libm::log(g[n as usize]));
+        let g = compliance_prior.map_or(0.0, |g| 3.0 * spacing * libm::log(g[n as usize]));
         [p.x, p.y, p.z, u.x, u.y, u.z, g]
     };
     positions.iter().zip(first).map(lift).collect()

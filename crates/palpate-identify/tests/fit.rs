@@ -58,7 +58,7 @@ fn three() -> Vec<Sample> {
 fn body(surface: &Surface, fit: &Fit) -> Body {
     Body::new(BodyParts {
         surface: surface.clone(),
-        mixes: fit.mixes.clone(),
+        blends: fit.blends.clone(),
         responses: fit.responses.clone(),
         test_point_nodes: fit.test_point_nodes.clone(),
         coupled: None,
@@ -112,7 +112,7 @@ fn own_curves_keep_their_shape_on_shared_knots() {
             assert!((a.value(d) - b.value(d)).abs() < 1e-12, "{component} at {d} m");
         }
     }
-    assert!(alone.mixes.iter().all(|mix| mix.test_points == [0; 3]));
+    assert!(alone.blends.iter().all(|blend| blend.test_points == [0; 3]));
 }
 
 #[test]
@@ -167,9 +167,9 @@ fn what_a_point_lacks_comes_from_those_around() {
     let [a, b, d] = [0, 1, 2].map(|t| body.node_response(fitted.test_point_nodes[t] as usize).unwrap());
     for i in 0..=100 {
         let at = i as f64 * 1e-4;
-        let mixed = |f: fn(&Response, f64) -> f64| 0.75 * f(&a, at) + 0.25 * f(&b, at) - f(&d, at);
-        assert!(mixed(|r, at| r.lateral.value(at)).abs() < 1e-12);
-        assert!(mixed(|r, at| r.friction.value(at)).abs() < 1e-12);
+        let blended = |f: fn(&Response, f64) -> f64| 0.75 * f(&a, at) + 0.25 * f(&b, at) - f(&d, at);
+        assert!(blended(|r, at| r.lateral.value(at)).abs() < 1e-12);
+        assert!(blended(|r, at| r.friction.value(at)).abs() < 1e-12);
         assert!((a.normal.value(at) - d.normal.value(at)).abs() < 1e-12, "its own rows");
     }
     for component in ["lateral", "friction"] {
@@ -290,7 +290,7 @@ fn random_samples_make_bodies() {
 }
 
 #[test]
-fn messages_name_the_line_the_point_and_the_mend() {
+fn messages_name_the_line_the_point_and_the_hint() {
     let surface = plane();
     let refused = |change: &dyn Fn(&mut Vec<Sample>), options: FitOptions, words: &[&str]| {
         let mut rows = three();
@@ -412,5 +412,5 @@ fn a_thousand_points_on_a_million_nodes() {
     }
     let clock = std::time::Instant::now();
     let fitted = fit(&surface, &rows, &FitOptions::default()).unwrap();
-    println!("{} nodes, {} points: {:?}", fitted.mixes.len(), fitted.responses.len(), clock.elapsed());
+    println!("{} nodes, {} points: {:?}", fitted.blends.len(), fitted.responses.len(), clock.elapsed());
 }

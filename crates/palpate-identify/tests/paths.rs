@@ -14,7 +14,7 @@ fn ball() -> Surface {
 }
 
 /// A place's law: f_z = n δz², f_t = (f_r(ρ)/ρ) A δ_t, ρ² = δ_t·A δ_t, f_r = k (ρ + 60 ρ²) (1 + g δz), and a force that
-/// pressing gives sideways.
+/// pressing gives laterally.
 struct Law {
     normal: f64,
     lateral: f64,
@@ -186,7 +186,7 @@ fn nodes_between_mix_turned_tensors_and_make_a_body() {
     assert!((friction.value(2.5e-3) - 0.25).abs() < 1e-12 && friction.value(9e-3) == 0.3);
     let body = Body::new(BodyParts {
         surface,
-        mixes: fit.fit.mixes,
+        blends: fit.fit.blends,
         responses: fit.fit.responses,
         test_point_nodes: fit.fit.test_point_nodes,
         coupled: None,
@@ -243,11 +243,12 @@ fn mixes_follow_a_guide_that_the_force_goes_with() {
     let surface = ball();
     let nodes =
         test_points(&surface, &vec![true; surface.positions().len()], Amount::Count(40), None).unwrap();
-    let guide: Vec<f64> =
+    let compliance_prior: Vec<f64> =
         surface.positions().iter().map(|p| 20.0 * (1.2 + (p.x * 90.0).sin() * (p.y * 70.0).cos())).collect();
-    // The force goes as the guide to the power 1.3, and changes slowly besides.
-    let stiffness =
-        |n: u32| 1e3 * guide[n as usize].powf(1.3) * (1.0 + 5.0 * surface.positions()[n as usize].z);
+    // The force goes as the compliance prior to the power 1.3, and changes slowly besides.
+    let stiffness = |n: u32| {
+        1e3 * compliance_prior[n as usize].powf(1.3) * (1.0 + 5.0 * surface.positions()[n as usize].z)
+    };
     let records: Vec<PointRecord> = (nodes.iter())
         .map(|&n| {
             Law { normal: stiffness(n), ..Law::isotropic() }.record(
@@ -258,12 +259,14 @@ fn mixes_follow_a_guide_that_the_force_goes_with() {
             )
         })
         .collect();
-    let errors = |guide: Option<Vec<f64>>| {
-        let fit = fit_paths(&surface, &records, &PathOptions { guide, ..Default::default() }).unwrap().fit;
+    let errors = |compliance_prior: Option<Vec<f64>>| {
+        let fit = fit_paths(&surface, &records, &PathOptions { compliance_prior, ..Default::default() })
+            .unwrap()
+            .fit;
         let force = |n: usize| -> f64 {
-            let mix = &fit.mixes[n];
+            let blend = &fit.blends[n];
             (0..3)
-                .map(|j| mix.weights[j] * fit.responses[mix.test_points[j] as usize].normal.value(4e-3))
+                .map(|j| blend.weights[j] * fit.responses[blend.test_points[j] as usize].normal.value(4e-3))
                 .sum()
         };
         let off = |n: usize| (force(n) / (stiffness(n as u32) * 16e-6) - 1.0).abs();
@@ -272,13 +275,14 @@ fn mixes_follow_a_guide_that_the_force_goes_with() {
         (errors[errors.len() / 2], errors[errors.len() * 9 / 10], fit.report.notes)
     };
     let (plain, plain_90, _) = errors(None);
-    let (median, p90, notes) = errors(Some(guide.clone()));
+    let (median, p90, notes) = errors(Some(compliance_prior.clone()));
     assert!(
         median < 0.02 && median < plain / 5.0 && p90 < plain_90 / 1.5,
         "{median} {p90}, without {plain} {plain_90}"
     );
     assert!(notes.iter().any(|n| n.contains("its power 1.3") || n.contains("its power 1.2")), "{notes:?}");
-    let options = PathOptions { guide: Some(vec![-1.0; guide.len()]), ..Default::default() };
+    let options =
+        PathOptions { compliance_prior: Some(vec![-1.0; compliance_prior.len()]), ..Default::default() };
     assert!(
         fit_paths(&surface, &records, &options).map(|_| ()).unwrap_err().to_string().contains("positive")
     );
@@ -305,7 +309,7 @@ fn a_hollow_has_the_nearest_response() {
         "{:?}",
         fit.report.notes
     );
-    let lone = fit.mixes[first as usize];
+    let lone = fit.blends[first as usize];
     assert_eq!(lone.weights, [1.0, 0.0, 0.0]);
     let p = surface.positions()[first as usize];
     let from = |n: u32| surface.positions()[n as usize].distance(p);
@@ -313,7 +317,7 @@ fn a_hollow_has_the_nearest_response() {
 }
 
 #[test]
-fn messages_name_the_place_and_the_mend() {
+fn messages_name_the_place_and_the_hint() {
     let surface = ball();
     let u = surface.inward_normals()[5];
     let good = Law::isotropic().record(5, u, &[2e-3], 4);

@@ -1,7 +1,7 @@
-//! The mixes of nodes between test points.
+//! The blends of nodes between test points.
 
 use glam::DVec3;
-use palpate_body::{NodeMix, Surface, TriangleMesh};
+use palpate_body::{BlendWeights, Surface, TriangleMesh};
 use palpate_identify::spread;
 
 /// An open plane of `n` × `n` squares of 1 mm.
@@ -41,25 +41,27 @@ fn ball(n: i32, round: bool, crease_angle: f64) -> Surface {
     Surface::build(&mesh, crease_angle).unwrap()
 }
 
-fn check(surface: &Surface, points: &[u32], mixes: &[NodeMix]) {
-    assert_eq!(mixes.len(), surface.positions().len());
-    for (n, mix) in mixes.iter().enumerate() {
-        assert!(mix.weights.iter().all(|&w| w == 0.0 || w >= 1e-12), "node {n}: {mix:?}");
-        assert!((mix.weights.iter().sum::<f64>() - 1.0).abs() < 1e-15, "node {n}: {mix:?}");
-        assert!(mix.test_points.is_sorted() && mix.test_points.iter().all(|&t| (t as usize) < points.len()));
+fn check(surface: &Surface, points: &[u32], blends: &[BlendWeights]) {
+    assert_eq!(blends.len(), surface.positions().len());
+    for (n, blend) in blends.iter().enumerate() {
+        assert!(blend.weights.iter().all(|&w| w == 0.0 || w >= 1e-12), "node {n}: {blend:?}");
+        assert!((blend.weights.iter().sum::<f64>() - 1.0).abs() < 1e-15, "node {n}: {blend:?}");
+        assert!(
+            blend.test_points.is_sorted() && blend.test_points.iter().all(|&t| (t as usize) < points.len())
+        );
     }
     for (t, &n) in points.iter().enumerate() {
         for (m, &v) in surface.vertices().iter().enumerate() {
             if v == surface.vertices()[n as usize] {
-                assert_eq!(mixes[m], NodeMix::own(t as u32));
+                assert_eq!(blends[m], BlendWeights::own(t as u32));
             }
         }
     }
 }
 
-/// The mix of a value that each test point has.
-fn value(mix: &NodeMix, of: impl Fn(u32) -> f64) -> f64 {
-    (0..3).map(|j| mix.weights[j] * of(mix.test_points[j])).sum()
+/// The blend of a value that each test point has.
+fn value(blend: &BlendWeights, of: impl Fn(u32) -> f64) -> f64 {
+    (0..3).map(|j| blend.weights[j] * of(blend.test_points[j])).sum()
 }
 
 /// xorshift64*
@@ -86,12 +88,12 @@ fn a_linear_field_stays_linear() {
     let surface = plane(24);
     let points: Vec<u32> =
         (0..=24).step_by(4).flat_map(|j| (0..=24).step_by(4).map(move |i| i + 25 * j)).collect();
-    let mixes = spread(&surface, &points).unwrap();
-    check(&surface, &points, &mixes);
+    let blends = spread(&surface, &points).unwrap();
+    check(&surface, &points, &blends);
     let stiffness = |p: DVec3| 300.0 + 2e4 * p.x - 7e3 * p.y;
-    for (mix, &p) in mixes.iter().zip(surface.positions()) {
-        let mixed = value(mix, |t| stiffness(surface.positions()[points[t as usize] as usize]));
-        assert!((mixed - stiffness(p)).abs() < 1e-9, "{mixed} at {p}");
+    for (blend, &p) in blends.iter().zip(surface.positions()) {
+        let blended = value(blend, |t| stiffness(surface.positions()[points[t as usize] as usize]));
+        assert!((blended - stiffness(p)).abs() < 1e-9, "{blended} at {p}");
     }
 }
 
@@ -103,13 +105,13 @@ fn scattered_points_keep_a_linear_field_between_them() {
     let mut points = random.nodes(&surface, 60);
     points.retain(|n| !corners.contains(n));
     points.extend(corners);
-    let mixes = spread(&surface, &points).unwrap();
-    check(&surface, &points, &mixes);
+    let blends = spread(&surface, &points).unwrap();
+    check(&surface, &points, &blends);
     let field = |p: DVec3| 1.0 + p.x * 100.0 + p.y * 30.0;
     // Near the border there may be no test points on the far side of a node.
     for n in (12..29).flat_map(|j| (12..29).map(move |i| i + 41 * j)) {
-        let mixed = value(&mixes[n], |t| field(surface.positions()[points[t as usize] as usize]));
-        assert!((mixed - field(surface.positions()[n])).abs() < 1e-9, "node {n}");
+        let blended = value(&blends[n], |t| field(surface.positions()[points[t as usize] as usize]));
+        assert!((blended - field(surface.positions()[n])).abs() < 1e-9, "node {n}");
     }
 }
 
@@ -120,9 +122,9 @@ fn weights_keep_their_promises_everywhere() {
         for count in [1, 2, 3, 4, 5, 8, 13, 30, 100, 1000] {
             for _ in 0..20 {
                 let points = random.nodes(&surface, count);
-                let mixes = spread(&surface, &points).unwrap();
-                check(&surface, &points, &mixes);
-                assert_eq!(mixes, spread(&surface, &points).unwrap());
+                let blends = spread(&surface, &points).unwrap();
+                check(&surface, &points, &blends);
+                assert_eq!(blends, spread(&surface, &points).unwrap());
             }
         }
     }
@@ -130,19 +132,19 @@ fn weights_keep_their_promises_everywhere() {
 
 #[test]
 fn neighbours_differ_little() {
-    // On a ball the projection to the test points' triangles is continuous, so a value mixed from them is too.
+    // On a ball the projection to the test points' triangles is continuous, so a value blended from them is too.
     let surface = ball(40, true, f64::INFINITY);
     let points = Random(5).nodes(&surface, 60);
-    let mixes = spread(&surface, &points).unwrap();
-    check(&surface, &points, &mixes);
+    let blends = spread(&surface, &points).unwrap();
+    check(&surface, &points, &blends);
     let field = |p: DVec3| p.x + 0.5 * p.y - 0.3 * p.z;
-    let mixed =
-        |n: u32| value(&mixes[n as usize], |t| field(surface.positions()[points[t as usize] as usize]));
+    let blended =
+        |n: u32| value(&blends[n as usize], |t| field(surface.positions()[points[t as usize] as usize]));
     for element in surface.elements() {
         for i in 0..3 {
             let (a, b) = (element.nodes[i], element.nodes[(i + 1) % 3]);
             let length = surface.positions()[a as usize].distance(surface.positions()[b as usize]);
-            assert!((mixed(a) - mixed(b)).abs() < 5.0 * length, "nodes {a} and {b}");
+            assert!((blended(a) - blended(b)).abs() < 5.0 * length, "nodes {a} and {b}");
         }
     }
 }
@@ -151,17 +153,17 @@ fn neighbours_differ_little() {
 fn few_points_mix_along_segments() {
     let surface = plane(10);
     let [left, right] = [5 * 11, 5 * 11 + 10];
-    for mix in spread(&surface, &[left]).unwrap() {
-        assert_eq!(mix, NodeMix::own(0));
+    for blend in spread(&surface, &[left]).unwrap() {
+        assert_eq!(blend, BlendWeights::own(0));
     }
-    let mixes = spread(&surface, &[left, right]).unwrap();
-    for (mix, p) in mixes.iter().zip(surface.positions()) {
-        assert!((value(mix, |t| t as f64) - p.x * 100.0).abs() < 1e-12);
+    let blends = spread(&surface, &[left, right]).unwrap();
+    for (blend, p) in blends.iter().zip(surface.positions()) {
+        assert!((value(blend, |t| t as f64) - p.x * 100.0).abs() < 1e-12);
     }
     // Three in a row span no triangle.
-    let mixes = spread(&surface, &[left, left + 4, right]).unwrap();
-    for (mix, p) in mixes.iter().zip(surface.positions()) {
-        assert!((value(mix, |t| [0.0, 0.4, 1.0][t as usize]) - p.x * 100.0).abs() < 1e-12);
+    let blends = spread(&surface, &[left, left + 4, right]).unwrap();
+    for (blend, p) in blends.iter().zip(surface.positions()) {
+        assert!((value(blend, |t| [0.0, 0.4, 1.0][t as usize]) - p.x * 100.0).abs() < 1e-12);
     }
 }
 
@@ -169,15 +171,15 @@ fn few_points_mix_along_segments() {
 fn creases_do_not_part_the_mix() {
     let (smooth, sharp) = (ball(6, false, f64::INFINITY), ball(6, false, 0.5));
     let points: Vec<u32> = (0..20).map(|i| i * 9).collect();
-    let mixes = spread(&smooth, &points).unwrap();
+    let blends = spread(&smooth, &points).unwrap();
     let creased = spread(&sharp, &points).unwrap();
-    for (mix, &v) in creased.iter().zip(sharp.vertices()) {
-        assert_eq!(*mix, mixes[v as usize]);
+    for (blend, &v) in creased.iter().zip(sharp.vertices()) {
+        assert_eq!(*blend, blends[v as usize]);
     }
 }
 
 #[test]
-fn messages_name_the_place_and_the_mend() {
+fn messages_name_the_place_and_the_hint() {
     let surface = plane(3);
     let refused = |surface: &Surface, points: &[u32], words: &[&str]| {
         let message = spread(surface, points).unwrap_err().to_string();
@@ -209,7 +211,7 @@ fn millions_of_nodes() {
         let surface = ball(640, true, f64::INFINITY);
         let points = Random(1).nodes(&surface, count);
         let clock = std::time::Instant::now();
-        let mixes = spread(&surface, &points).unwrap();
-        println!("{} nodes, {} test points: {:?}", mixes.len(), points.len(), clock.elapsed());
+        let blends = spread(&surface, &points).unwrap();
+        println!("{} nodes, {} test points: {:?}", blends.len(), points.len(), clock.elapsed());
     }
 }

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use palpate_body::shape::{Resolution, Shape};
-use palpate_body::{NodeMix, Surface, TriangleMesh};
+use palpate_body::{BlendWeights, Surface, TriangleMesh};
 use palpate_identify::{Amount, spread, test_points, touchable};
 
 fn ball() -> Surface {
@@ -65,10 +65,10 @@ fn what_cannot_be_touched_has_none_and_its_rim_has_some() {
     let x = |n: u32| surface.positions()[n as usize].x;
     let on_rim = points.iter().filter(|&&n| x(n) < -7e-3).count();
     assert!((8..30).contains(&on_rim), "{on_rim}");
-    // Few nodes that can be touched lie outside the points' mesh: most mixes have three parts.
-    let mixes = spread(&surface, &points).unwrap();
-    let inside = |m: &NodeMix| m.weights.iter().filter(|&&w| w > 0.0).count() == 3;
-    let open = || mixes.iter().zip(&touchable).filter(|(_, t)| **t);
+    // Few nodes that can be touched lie outside the points' mesh: most blends have three parts.
+    let blends = spread(&surface, &points).unwrap();
+    let inside = |m: &BlendWeights| m.weights.iter().filter(|&&w| w > 0.0).count() == 3;
+    let open = || blends.iter().zip(&touchable).filter(|(_, t)| **t);
     let share = open().filter(|(m, _)| inside(m)).count() as f64 / open().count() as f64;
     assert!(share > 0.85, "{share}");
 }
@@ -81,14 +81,14 @@ fn points_are_denser_where_the_surface_turns_and_the_guide_changes() {
     assert!(right > 36, "{right} of 60 where it turns");
 
     let flat = sheet(60, |_| 0.0);
-    let guide: Vec<f64> = flat
+    let compliance_prior: Vec<f64> = flat
         .positions()
         .iter()
         .map(|p| if p.x < 30e-3 { 100.0 } else { 100.0 + 3e4 * (p.x - 30e-3) })
         .collect();
-    let points = test_points(&flat, &all(&flat), Amount::Count(60), Some(&guide)).unwrap();
+    let points = test_points(&flat, &all(&flat), Amount::Count(60), Some(&compliance_prior)).unwrap();
     let right = points.iter().filter(|&&n| flat.positions()[n as usize].x > 30e-3).count();
-    assert!(right > 33, "{right} of 60 where the guide changes");
+    assert!(right > 33, "{right} of 60 where the compliance prior changes");
 }
 
 #[test]
@@ -114,10 +114,10 @@ fn a_margin_is_left_along_the_surface() {
 }
 
 #[test]
-fn messages_name_the_place_and_the_mend() {
+fn messages_name_the_place_and_the_hint() {
     let surface = sheet(3, |_| 0.0);
     let touchable = all(&surface);
-    for (mask, amount, guide, says) in [
+    for (mask, amount, compliance_prior, says) in [
         (touchable[1..].to_vec(), Amount::Count(3), None, "15 entries for 16 nodes"),
         (vec![false; 16], Amount::Count(3), None, "free of supports"),
         (touchable.clone(), Amount::Count(17), None, "17 are asked for"),
@@ -127,7 +127,8 @@ fn messages_name_the_place_and_the_mend() {
         (touchable.clone(), Amount::Count(3), Some(vec![1.0; 3]), "3 values for 16 nodes"),
         (touchable, Amount::Count(3), Some(vec![0.0; 16]), "positive numbers"),
     ] {
-        let message = test_points(&surface, &mask, amount, guide.as_deref()).unwrap_err().to_string();
+        let message =
+            test_points(&surface, &mask, amount, compliance_prior.as_deref()).unwrap_err().to_string();
         assert!(message.contains(says), "{message}");
     }
 }

@@ -36,7 +36,7 @@ pub struct Period {
     pub pose: ToolState,
     /// What the engine answered; no force where it was not given a pose.
     pub output: Output,
-    /// What the device was told.
+    /// The command to the device.
     pub command: Command,
     /// What the stages did.
     pub flags: StageFlags,
@@ -85,7 +85,7 @@ impl HapticLoop {
         &self.contact
     }
 
-    /// The same, to take it over to another patch of its body: [`Footing::renew`](crate::Footing::renew).
+    /// The same, to take it over to another patch of its body: [`PatchHolder::renew`](crate::PatchHolder::renew).
     pub fn contact_mut(&mut self) -> &mut Contact {
         &mut self.contact
     }
@@ -115,7 +115,7 @@ impl HapticLoop {
         self.stopped = true;
     }
 
-    /// Ends a stop: the force grows in anew.
+    /// Ends a stop: the force ramps up anew.
     pub fn resume(&mut self) {
         self.stopped = false;
     }
@@ -143,8 +143,8 @@ impl HapticLoop {
     }
 
     /// One period at `now_s` after the device's opening: read, believe the pose or not, map, step, output stages, write.
-    /// A fault, a pose that is not believed, a held clutch, and a stop bring the force to zero within the slew limit;
-    /// after them it grows in anew.
+    /// A fault, a rejected pose, a held clutch, and a stop bring the force to zero within the slew limit;
+    /// after them it ramps up anew.
     ///
     /// # Real-time
     /// As bounded as the device's `read` and `write`.
@@ -198,7 +198,7 @@ impl HapticLoop {
         Period { time_s: now_s, sample, pose, output, command, flags, fault }
     }
 
-    /// The device's sample, and whether its pose is believed.
+    /// The device's sample, and whether its pose is accepted.
     fn read(&mut self, device: &mut dyn Device, now: f64, flags: &mut StageFlags) -> Result<(), Fault> {
         let read = device.read(now);
         flags.set(StageFlags::UNREAD, read.is_err());
@@ -234,7 +234,7 @@ impl HapticLoop {
     /// The coupling's force in the place of the body's, into the device's frame, and through the stages.
     fn command(&mut self, now: f64, output: &Output, flags: &mut StageFlags) -> Command {
         flags.set(StageFlags::STOPPED, self.stopped);
-        // A free tool that waits for its patch feels nothing anyway, and no force has to grow in afterwards.
+        // A free tool that waits for its patch feels nothing anyway, and no force has to ramp up afterwards.
         let heard = flags.has(StageFlags::STEPPED) || flags.has(StageFlags::WAITED);
         let silence = !heard || flags.has(StageFlags::CLUTCHED) || self.stopped;
         let [force, torque] = [output.force_n, output.torque_nm].map(DVec3::from_array);

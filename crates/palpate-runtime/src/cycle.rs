@@ -1,4 +1,4 @@
-//! Limit cycles: an oscillation that keeps itself alive while nobody moves.
+//! Limit cycles: an oscillation that keeps itself alive while the hand rests.
 
 use glam::DVec3;
 
@@ -27,15 +27,15 @@ impl Cycle {
     pub fn find(places: &[DVec3], period_s: f64, smallest_m: f64) -> Option<Cycle> {
         let (first, second) = places.split_at(places.len() / 2);
         let axis = (0..3).max_by(|&a, &b| extent(second, a).total_cmp(&extent(second, b)))?;
-        let (turn, late) = swings(second, axis)?;
-        let growth = swings(first, axis).map_or(f64::INFINITY, |(_, early)| late / early);
+        let (turn, late) = oscillation(second, axis)?;
+        let growth = oscillation(first, axis).map_or(f64::INFINITY, |(_, early)| late / early);
         let sustained = late > smallest_m && growth >= SUSTAINED;
         sustained.then_some(Cycle { period_s: turn * period_s, amplitude_m: late, growth })
     }
 }
 
 /// Mean length of a swing to and fro, in samples, and mean of half their ways, m; `None` for too few.
-fn swings(places: &[DVec3], axis: usize) -> Option<(f64, f64)> {
+fn oscillation(places: &[DVec3], axis: usize) -> Option<(f64, f64)> {
     let ups = crossings(places, axis, HYSTERESIS * extent(places, axis));
     let (first, last) = (ups.first()?, ups.last()?);
     let count = ups.len() - 1;
@@ -91,7 +91,7 @@ fn crossings(places: &[DVec3], axis: usize, margin: f64) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    fn swings(decay: f64, drift: f64) -> Vec<DVec3> {
+    fn oscillation(decay: f64, drift: f64) -> Vec<DVec3> {
         let at = |i: u32| {
             let t = f64::from(i) * 1e-3;
             DVec3::new(0.0, drift * t + 2e-4 * libm::exp(-decay * t) * libm::sin(40.0 * t), 1.0)
@@ -102,13 +102,13 @@ mod tests {
     #[test]
     fn a_cycle_is_found_and_a_decay_is_none() {
         for drift in [0.0, 1e-4] {
-            let cycle = Cycle::find(&swings(0.0, drift), 1e-3, 1e-6).unwrap();
+            let cycle = Cycle::find(&oscillation(0.0, drift), 1e-3, 1e-6).unwrap();
             assert!((cycle.period_s - std::f64::consts::TAU / 40.0).abs() < 1e-3, "{cycle:?}");
             assert!((cycle.amplitude_m - 2e-4).abs() < 1e-5 && (cycle.growth - 1.0).abs() < 0.05);
-            assert_eq!(Cycle::find(&swings(0.5, drift), 1e-3, 1e-6), None);
+            assert_eq!(Cycle::find(&oscillation(0.5, drift), 1e-3, 1e-6), None);
         }
-        assert!(Cycle::find(&swings(-0.5, 0.0), 1e-3, 1e-6).unwrap().growth > 2.0);
-        assert_eq!(Cycle::find(&swings(0.0, 0.0), 1e-3, 1e-3), None);
+        assert!(Cycle::find(&oscillation(-0.5, 0.0), 1e-3, 1e-6).unwrap().growth > 2.0);
+        assert_eq!(Cycle::find(&oscillation(0.0, 0.0), 1e-3, 1e-3), None);
         assert_eq!(Cycle::find(&[], 1e-3, 1e-6), None);
         assert_eq!(Cycle::find(&[DVec3::ZERO; 100], 1e-3, 1e-6), None);
     }

@@ -1,11 +1,11 @@
 //! The contact finder: keeps the patch under the tool in reach of the haptic thread (paper, section 5: "the other finding
 //! the active element").
 //!
-//! A [`Footing`] belongs to the haptic thread: it holds the patch that is stepped on, takes a new one where one lies ready,
+//! A [`PatchHolder`] belongs to the haptic thread: it holds the patch that is stepped on, takes a new one where one lies ready,
 //! and says where the tool is. A [`Finder`] belongs to the other thread: it looks where the tool is and where it is going,
 //! and lays out the next patch. Both share a [`Link`], on which neither ever waits for the other.
 //!
-//! Boxes go round: the finder's hands → `fresh` → the footing → `used` → the finder's hands. The footing takes a new one only
+//! Boxes go round: the finder's hands → `fresh` → the patch holder → `used` → the finder's hands. The patch holder takes a new one only
 //! while `used` is empty, so that it never has to give back two, and never frees memory.
 
 use crate::atomic::{AtomicU64, Ordering};
@@ -32,7 +32,7 @@ const LEAST: usize = 512;
 
 /// A patch and which one it is.
 #[derive(Debug)]
-pub struct Parcel {
+pub struct PatchMessage {
     pub(crate) patch: Patch,
     /// Counted from 1.
     pub(crate) serial: u64,
@@ -41,7 +41,7 @@ pub struct Parcel {
 
 /// What the haptic thread tells the finder.
 #[derive(Debug, Clone, Copy)]
-struct Sight {
+struct ToolSample {
     time_s: f64,
     /// What the next patch must hold, m: the contact point, or a free tool.
     place: DVec3,
@@ -54,7 +54,7 @@ struct Sight {
     waits: bool,
 }
 
-impl Sight {
+impl ToolSample {
     fn words(&self) -> [u64; 9] {
         let ([a, b, c], [d, e, f]) = (self.place.to_array(), self.aim.to_array());
         let [time, a, b, c, d, e, f] = [self.time_s, a, b, c, d, e, f].map(f64::to_bits);
@@ -63,7 +63,7 @@ impl Sight {
 
     fn of([time, a, b, c, d, e, f, serial, flags]: [u64; 9]) -> Self {
         let point = |words: [u64; 3]| DVec3::from_array(words.map(f64::from_bits));
-        Sight {
+        ToolSample {
             time_s: f64::from_bits(time),
             place: point([a, b, c]),
             aim: point([d, e, f]),
@@ -78,8 +78,8 @@ impl Sight {
 #[derive(Debug, Default)]
 pub struct Link {
     look: Board<9>,
-    fresh: Mailbox<Parcel>,
-    used: Mailbox<Parcel>,
+    fresh: Mailbox<PatchMessage>,
+    used: Mailbox<PatchMessage>,
     beats: AtomicU64,
 }
 
@@ -92,9 +92,9 @@ impl Link {
 
 /// The haptic thread's end.
 #[derive(Debug)]
-pub struct Footing {
+pub struct PatchHolder {
     link: Arc<Link>,
-    parcel: Box<Parcel>,
+    message: Box<PatchMessage>,
     /// The last one that came.
     serial: u64,
     /// Patches that came without the contact point's element.
@@ -108,7 +108,7 @@ pub struct Finder {
     body: Arc<dyn BodySource>,
     elements: usize,
     #[expect(clippy::vec_box, reason = "the mailboxes hand over boxes, and these go round")]
-    hands: Vec<Box<Parcel>>,
+    hands: Vec<Box<PatchMessage>>,
     serial: u64,
     newest: Newest,
     seen: Option<(f64, DVec3)>,
@@ -127,11 +127,11 @@ struct Newest {
 }
 
 impl Newest {
-    fn of(parcel: &Parcel) -> Self {
+    fn of(message: &PatchMessage) -> Self {
         Newest {
-            centre: parcel.patch.centre_m().into(),
-            radius_m: parcel.patch.radius_m(),
-            asked: parcel.asked,
+            centre: message.patch.centre_m().into(),
+            radius_m: message.patch.radius_m(),
+            asked: message.asked,
         }
     }
 
@@ -145,24 +145,24 @@ impl Newest {
 ///
 /// # Errors
 /// The body's file can't be read.
-pub fn footing(
+pub fn patch_holder(
     body: Arc<dyn BodySource>,
     place_m: [f64; 3],
     elements: usize,
-) -> palpate_body::Result<(Footing, Finder)> {
+) -> palpate_body::Result<(PatchHolder, Finder)> {
     let link = Arc::new(Link::default());
-    let parcel = |serial| Box::new(Parcel { patch: body.patch(), serial, asked: elements });
-    let mut first = parcel(1);
+    let message = |serial| Box::new(PatchMessage { patch: body.patch(), serial, asked: elements });
+    let mut first = message(1);
     body.take(&mut first.patch, place_m, elements, &|| ())?;
     // Where it may not be locked it is used as it is; the thread that asks for real time says so once.
     let _ = first.patch.lock_memory();
     let newest = Newest::of(&first);
     // One under way in each direction, one in the making.
     let count = if newest.radius_m.is_finite() { 3 } else { 0 };
-    let hands = (0..count).map(|_| parcel(0)).collect();
-    let footing = Footing { link: link.clone(), parcel: first, serial: 1, refused: 0 };
+    let hands = (0..count).map(|_| message(0)).collect();
+    let patch_holder = PatchHolder { link: link.clone(), message: first, serial: 1, refused: 0 };
     Ok((
-        footing,
+        patch_holder,
         Finder {
             link,
             body,
@@ -177,15 +177,15 @@ pub fn footing(
     ))
 }
 
-impl Footing {
+impl PatchHolder {
     /// The patch that is stepped on.
     pub fn patch(&self) -> &Patch {
-        &self.parcel.patch
+        &self.message.patch
     }
 
     /// Which one it is, counted from 1, and how many elements were asked for.
     pub fn asked(&self) -> (u64, usize) {
-        (self.parcel.serial, self.parcel.asked)
+        (self.message.serial, self.message.asked)
     }
 
     /// How many patches were refused because they lacked the contact point's element.
@@ -208,9 +208,9 @@ impl Footing {
         }
         let Some(mut next) = self.link.fresh.take() else { return };
         self.serial = next.serial;
-        let old = &self.parcel.patch;
+        let old = &self.message.patch;
         if contact.renumber(|e| next.patch.local(old.global(e))) {
-            std::mem::swap(&mut self.parcel, &mut next);
+            std::mem::swap(&mut self.message, &mut next);
         } else {
             self.refused += 1;
         }
@@ -226,14 +226,15 @@ impl Footing {
     /// # Real-time
     /// A few atomic stores.
     pub fn report(&self, time_s: f64, tip_m: [f64; 3], contact: &Contact, waits: bool) {
-        let (body, tip) = (self.parcel.patch.model(), DVec3::from_array(tip_m));
+        let (body, tip) = (self.message.patch.model(), DVec3::from_array(tip_m));
         let touching = contact.touching();
         let (place, aim) = touching.map_or((tip, tip), |at| {
             let (place, inward) = (body.point(at), body.inward(at));
             (place, tip - inward * (tip - place).dot(inward))
         });
-        let sight = Sight { time_s, place, aim, serial: self.serial, is_free: touching.is_none(), waits };
-        self.link.look.write(&sight.words());
+        let sample =
+            ToolSample { time_s, place, aim, serial: self.serial, is_free: touching.is_none(), waits };
+        self.link.look.write(&sample.words());
     }
 }
 
@@ -246,8 +247,8 @@ impl Finder {
         self.link.beats.fetch_add(1, Ordering::Relaxed);
         self.hands.extend(self.link.used.take());
         let Some((words, times)) = self.link.look.read() else { return Ok(false) };
-        let sight = Sight::of(words);
-        let Sight { time_s, place, aim, is_free, .. } = sight;
+        let sample = ToolSample::of(words);
+        let ToolSample { time_s, place, aim, is_free, .. } = sample;
         if times == 0 || !(place.is_finite() && aim.is_finite()) {
             return Ok(false);
         }
@@ -257,7 +258,7 @@ impl Finder {
             return Ok(false);
         }
         // A free tool must be within the patch as it is large.
-        let tool = if is_free { self.body.outline().tool().radius_m() } else { 0.0 };
+        let tool = if is_free { self.body.model_header().tool().radius_m() } else { 0.0 };
         let reach = |elements| (newest.radius_of_m(elements) - tool).max(0.0);
         let ahead = |elements: usize| {
             let took = (self.took * elements as f64).clamp(AHEAD[0], AHEAD[1]);
@@ -265,13 +266,13 @@ impl Finder {
             if ahead.is_finite() { ahead } else { DVec3::ZERO }
         };
         let mut elements = self.elements;
-        if !is_free && (sight.waits || ahead(elements).length() > FARTHEST * reach(elements)) {
+        if !is_free && (sample.waits || ahead(elements).length() > FARTHEST * reach(elements)) {
             elements = elements.min((elements / HASTE).max(LEAST));
         }
         let mut target = place + ahead(elements).clamp_length_max(FARTHEST * reach(elements));
         let worn = target.distance(newest.centre) > WORN * reach(newest.asked);
         if !worn {
-            if !(sight.waits && sight.serial == self.serial) {
+            if !(sample.waits && sample.serial == self.serial) {
                 return Ok(false);
             }
             // The newest patch has come and does not do, though it is where it should be.
@@ -280,19 +281,19 @@ impl Finder {
         if target == newest.centre {
             return Ok(false);
         }
-        let Some(mut parcel) = self.hands.pop() else { return Ok(false) };
+        let Some(mut message) = self.hands.pop() else { return Ok(false) };
         // A slow disk is no dead finder.
         let beat = || {
             self.link.beats.fetch_add(1, Ordering::Relaxed);
         };
-        self.body.take(&mut parcel.patch, target.to_array(), elements, &beat)?;
-        let _ = parcel.patch.lock_memory();
+        self.body.take(&mut message.patch, target.to_array(), elements, &beat)?;
+        let _ = message.patch.lock_memory();
         self.serial += 1;
-        (parcel.serial, parcel.asked) = (self.serial, elements);
-        self.newest = Newest::of(&parcel);
-        self.hands.extend(self.link.fresh.post(parcel));
+        (message.serial, message.asked) = (self.serial, elements);
+        self.newest = Newest::of(&message);
+        self.hands.extend(self.link.fresh.post(message));
         if let Some((words, _)) = self.link.look.read() {
-            self.took = (Sight::of(words).time_s - time_s).max(0.0) / elements as f64;
+            self.took = (ToolSample::of(words).time_s - time_s).max(0.0) / elements as f64;
         }
         Ok(true)
     }

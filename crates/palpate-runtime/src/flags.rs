@@ -9,11 +9,11 @@ impl StageFlags {
     pub const STEPPED: Self = Self(1);
     /// The device's `read` failed.
     pub const UNREAD: Self = Self(1 << 1);
-    /// The pose was not believed: no number, or too far from the last.
+    /// The pose was rejected: NaN or infinite, or too far from the last.
     pub const REFUSED: Self = Self(1 << 2);
     /// The clutch was held.
     pub const CLUTCHED: Self = Self(1 << 3);
-    /// A force or torque was no number, and zero in its place.
+    /// A force or torque was NaN or infinite, and zero in its place.
     pub const CONTAINED: Self = Self(1 << 4);
     /// The passivity controller rendered a damping.
     pub const PASSIVITY: Self = Self(1 << 5);

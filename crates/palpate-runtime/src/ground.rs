@@ -40,11 +40,11 @@ pub(crate) fn ready<G: Ground>(ground: &G, contact: &mut Contact, pose: &ToolSta
         return true;
     }
     let radius = ground.model().tool().radius_m();
-    // What is no number is the engine's to refuse.
+    // NaN and infinity are the engine's to refuse.
     if !ground.knows(pose.position_m, radius) && pose.position_m.iter().all(|x| x.is_finite()) {
         return false;
     }
-    if contact.last_tip_m().is_some_and(|from| !ground.knows(from, radius)) {
+    if contact.last_position_m().is_some_and(|from| !ground.knows(from, radius)) {
         contact.forget();
     }
     true

@@ -1,4 +1,4 @@
-//! Which poses are believed.
+//! Which poses are accepted.
 
 use glam::DVec3;
 use palpate_device::Pose;
@@ -6,8 +6,8 @@ use palpate_device::Pose;
 /// No handle is farther from its device's origin, m: what the very first pose is held to.
 const REACH: f64 = 10.0;
 
-/// Refuses poses that hold no number, and those that lie farther from the last one that was believed than the handle
-/// could have come since. A jump that stays is believed once it could have been a motion: 10 cm at 10 m/s after 10 ms.
+/// Refuses poses that hold NaN or infinity, and those that lie farther from the last one that was accepted than the handle
+/// could have come since. A jump that stays is accepted once it could have been a motion: 10 cm at 10 m/s after 10 ms.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseGuard {
     speed_max: f64,
@@ -16,7 +16,7 @@ pub struct PoseGuard {
 }
 
 impl Default for PoseGuard {
-    /// Refuses only what is no number.
+    /// Refuses only a NaN or infinite value.
     fn default() -> Self {
         PoseGuard { speed_max: f64::INFINITY, reach: f64::INFINITY, last: None }
     }
@@ -28,7 +28,7 @@ impl PoseGuard {
         PoseGuard { speed_max: speed_max_m_per_s, reach: REACH, last: None }
     }
 
-    /// Whether `pose` at `now_s` is believed.
+    /// Whether `pose` at `now_s` is accepted.
     pub(crate) fn accept(&mut self, pose: &Pose, now_s: f64) -> bool {
         let position = DVec3::from_array(pose.position_m);
         let finite = position.is_finite() && pose.orientation.iter().all(|q| q.is_finite());
@@ -45,7 +45,7 @@ impl PoseGuard {
         believed
     }
 
-    /// The last pose's position that was believed, m in the device's frame.
+    /// The last pose's position that was accepted, m in the device's frame.
     pub(crate) fn position(&self) -> Option<DVec3> {
         self.last.map(|(_, position)| position)
     }

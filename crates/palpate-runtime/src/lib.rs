@@ -6,7 +6,7 @@
 //! fast as the machine can.
 //!
 //! [`Safety`] makes the stages for a device that somebody holds. A [`Record`] keeps what a period saw and did; it goes
-//! through a [`ring`] to a [`Scribe`], which counts and writes. [`Cycle`] tells afterwards whether a motion was at rest or
+//! through a [`ring`] to a [`RecorderThread`], which counts and writes. [`Cycle`] tells afterwards whether a motion was at rest or
 //! cycled.
 //!
 //! ```
@@ -17,7 +17,7 @@
 //! use palpate_runtime::{HapticLoop, Stages, WorkspaceMap};
 //! # let surface = Shape::Sphere { radius_mm: 30.0 }.surface(Default::default())?;
 //! # let responses = vec![Response::paper(600.0, 500.0, 0.3, 8e-3, 8e-3)?];
-//! # let body = Body::new(BodyParts { mixes: vec![NodeMix::own(0); surface.positions().len()], surface, responses,
+//! # let body = Body::new(BodyParts { blends: vec![BlendWeights::own(0); surface.positions().len()], surface, responses,
 //! #     test_point_nodes: vec![0], coupled: None, lateral_tensors: None, tool: Tool::Point, slip: SlipRule::Paper,
 //! #     provenance: Provenance::default() })?;
 //! // Down by 5 mm on top of a ball of 30 mm, from 2 mm above it, in half a second.
@@ -73,7 +73,7 @@ pub use coupling::Coupling;
 pub use cycle::Cycle;
 pub use damping::Damping;
 pub use exchange::{Board, Mailbox};
-pub use finder::{Finder, Footing, PATCH_ELEMENTS, footing};
+pub use finder::{Finder, PATCH_ELEMENTS, PatchHolder, patch_holder};
 pub use flags::{StageCounts, StageFlags};
 pub use ground::Ground;
 pub use guard::PoseGuard;
@@ -85,7 +85,7 @@ pub use passivity::PassivityController;
 pub use real_time::RealTime;
 pub use record::{
     BodyFile, CreateError, Ending, Field, Finished, Header, Map, OpenRecordingError, RECORDING_MAGIC, Record,
-    Recorder, Recording, RecordingFile, Records, Retrace, Scribe, ring,
+    Recorder, RecorderThread, Recording, RecordingFile, Records, Retrace, ring,
 };
 pub use safety::{Safety, SafetyError};
 pub use session::{Prepared, Report, Session, Settings, StartError, Stopper};

@@ -32,14 +32,14 @@ impl WorkspaceMap {
     /// A number that is not finite, a scale that is not above 0, a rotation of no length, a button that is not there.
     pub fn checked(self, device: &Capabilities) -> Result<Self, SafetyError> {
         let error =
-            |setting, problem: String, mend: &str| SafetyError { setting, problem, mend: mend.into() };
+            |setting, problem: String, hint: &str| SafetyError { setting, problem, hint: hint.into() };
         if !(1e-3..=1e3).contains(&self.scale) {
             let problem = format!("{} is not between 0.001 and 1000", self.scale);
             return Err(error("scale", problem, "give a number in between"));
         }
         // Beyond a kilometre a pose loses the engine's precision.
         if !self.offset_m.is_finite() || self.offset_m.abs().max_element() > 1e3 {
-            let problem = format!("{} holds no number, or one beyond 1000 m", self.offset_m);
+            let problem = format!("{} holds NaN or infinity, or one beyond 1000 m", self.offset_m);
             return Err(error("offset_m", problem, "give three numbers in metres"));
         }
         let length = self.rotation.length();

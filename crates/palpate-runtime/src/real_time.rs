@@ -11,7 +11,7 @@ pub struct RealTime {
     pub priority: Option<u8>,
     /// Whether it has the last of the machine's cores for its own, as far as that is this program's to say.
     pub own_core: bool,
-    /// The last of the way to a deadline is waited for awake, s.
+    /// The last of the way to a deadline is busy-waited, s.
     pub spin_s: f64,
 }
 
@@ -23,7 +23,7 @@ impl Default for RealTime {
 
 /// After a sleep caches and the machine's host take this long to settle, s.
 const SPIN: f64 = 200e-6;
-/// Of a period no more is spent awake.
+/// Of a period no more is spent busy-waiting.
 const SPIN_SHARE: f64 = 0.4;
 
 impl RealTime {
@@ -37,15 +37,15 @@ impl RealTime {
 const STACK: usize = 256 << 10;
 
 impl RealTime {
-    /// Makes the calling thread a real-time one. What the system refuses is told, with what to do about it, and is done
+    /// Makes the calling thread a real-time one. What the system refuses is reported, with what to do about it, and is done
     /// without.
     pub(crate) fn enter(&self) -> (Vec<String>, Awake) {
         // Refused or not was told when everything else was locked.
         let _ = lock_stack();
         let mut notes = Vec::new();
-        let mut ask = |what: &str, granted: io::Result<()>, mend: &str| {
+        let mut ask = |what: &str, granted: io::Result<()>, hint: &str| {
             if let Err(error) = granted {
-                notes.push(format!("{what} was refused ({error}): {mend}"));
+                notes.push(format!("{what} was refused ({error}): {hint}"));
             }
         };
         if let Some(priority) = self.priority {
@@ -87,7 +87,7 @@ fn lock_stack() -> io::Result<()> {
     system::lock(std::hint::black_box(&pages))
 }
 
-/// Nanoseconds of a clock that nobody sets.
+/// Nanoseconds of the monotonic clock.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Clock {
     start: u64,
@@ -133,7 +133,7 @@ mod system {
 
     pub fn sleep_until(ns: u64) {
         let request = Timespec { tv_sec: (ns / 1_000_000_000) as i64, tv_nsec: (ns % 1_000_000_000) as i64 };
-        // A signal wakes it early; then the rest is waited for awake.
+        // A signal wakes it early; then the rest is busy-waited.
         let _ = clock_nanosleep_absolute(ClockId::Monotonic, &request);
     }
 

@@ -1,7 +1,7 @@
 //! What the loop saw and did in one period, as plain data of fixed size, and the file that keeps it.
 //!
 //! The haptic thread fills a [`Record`] each period and pushes it into a ring ([`Recorder`]); a thread of its own, the
-//! [`Scribe`], takes it out, counts it in the [`Statistics`](crate::Statistics), and writes it if there is a file.
+//! [`RecorderThread`], takes it out, counts it in the [`Statistics`](crate::Statistics), and writes it if there is a file.
 //! [`Recording`] reads the file, as far as it is whole. The format is in `docs/recording.md`.
 
 mod file;
@@ -13,7 +13,7 @@ mod table;
 pub use file::MAGIC as RECORDING_MAGIC;
 pub use file::{BodyFile, CreateError, Header, Map, RecordingFile};
 pub use reading::{Ending, OpenRecordingError, Recording};
-pub use recorder::{Finished, Recorder, Records, Scribe, ring};
+pub use recorder::{Finished, Recorder, RecorderThread, Records, ring};
 pub use retrace::Retrace;
 
 use crate::{HapticLoop, Period, StageFlags};
@@ -93,7 +93,7 @@ record! {
     stage_flags: u32,
     /// Counts periods from 0: a gap is a record that was dropped.
     number: u64,
-    /// The time that the loop was told, s.
+    /// The loop's time, s.
     time_s: f64,
     /// When the period really began, ns since the start.
     started_ns: u64,
@@ -157,9 +157,9 @@ record! {
     squares_m2: f64,
     /// What the passivity controller has observed so far; 0 without one.
     observed_j: f64,
-    /// What the device was told.
+    /// The command to the device.
     command_force_n: [f64; 3],
-    /// What the device was told.
+    /// The command to the device.
     command_torque_nm: [f64; 3],
     /// Where the patch that was stepped on was asked for.
     patch_centre_m: [f64; 3],

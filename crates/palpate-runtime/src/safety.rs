@@ -9,13 +9,13 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Safety {
-    /// A pose that the handle could reach only faster than this is not believed, m/s. A hand throws at about 10 m/s.
+    /// A pose that the handle could reach only faster than this is rejected, m/s. A hand throws at about 10 m/s.
     pub speed_max_m_per_s: f64,
     /// Of a damping besides the device's own, N·s/m.
     pub damping_n_s_per_m: f64,
     /// Whether the passivity controller may act.
     pub passivity: bool,
-    /// How long the force takes to grow in at the beginning, and after anything that went wrong, s.
+    /// How long the force takes to ramp up at the beginning, and after anything that went wrong, s.
     pub soft_start_s: f64,
     /// The largest force, N; the device's own limit where that is lower.
     pub force_max_n: Option<f64>,
@@ -45,21 +45,21 @@ impl Default for Safety {
 
 /// A setting that can't be.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{setting}: {problem}; {mend}")]
+#[error("{setting}: {problem}; {hint}")]
 pub struct SafetyError {
     /// Its name.
     pub setting: &'static str,
     /// What is wrong with it.
     pub problem: String,
     /// What to do.
-    pub mend: String,
+    pub hint: String,
 }
 
 impl Safety {
     /// The stages for this device in a loop of `rate_hz`, without a coupling.
     ///
     /// # Errors
-    /// A setting that is no number or out of its range; a damping that the device's mass would not bear at this rate; a
+    /// A setting that is NaN or infinite, or out of its range; a damping that the device's mass would not bear at this rate; a
     /// slew limit at which a stop would take more than two periods; a device that names no largest force where none is
     /// set.
     pub fn stages(&self, device: &Capabilities, rate_hz: f64) -> Result<Stages, SafetyError> {
@@ -99,7 +99,7 @@ impl Safety {
                 problem: format!(
                     "{damping} is not between 0 and {most:.3} N·s/m, half of the device's {mass} kg over a period"
                 ),
-                mend: format!("give at most {most:.3}, or a higher rate"),
+                hint: format!("give at most {most:.3}, or a higher rate"),
             });
         }
         Ok((damping > 0.0).then(|| Damping::new(damping)))
@@ -131,7 +131,7 @@ impl Named {
             return Err(SafetyError {
                 setting: self.most,
                 problem: "the device names none".into(),
-                mend: format!("give one, in {unit}"),
+                hint: format!("give one, in {unit}"),
             });
         };
         // Two steps must bring the largest force to zero.
@@ -145,7 +145,7 @@ impl Named {
                     "at {slew} {unit}/s a stop would not bring {most} {unit} to zero within two periods"
                 ),
                 // Rounded up: a message is no place for 1649.9999999999998.
-                mend: format!("give at least {} {unit}/s, or a lower {name}", (least * 1e3).ceil() * 1e-3),
+                hint: format!("give at least {} {unit}/s, or a lower {name}", (least * 1e3).ceil() * 1e-3),
             });
         }
         Ok(Limit::new(most, slew * period))
@@ -159,7 +159,7 @@ fn within(setting: &'static str, value: f64, least: f64, most: f64) -> Result<f6
     Err(SafetyError {
         setting,
         problem: format!("{value} is not between {least} and {most}"),
-        mend: "give a number in between".into(),
+        hint: "give a number in between".into(),
     })
 }
 
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn a_setting_that_cant_be_is_refused_with_its_name_and_the_mend() {
+    fn a_setting_that_cant_be_is_refused_with_its_name_and_the_hint() {
         let safety = Safety::default();
         let wrong = [
             (Safety { slew_n_per_s: Some(1649.0), ..safety }, "slew_n_per_s"),

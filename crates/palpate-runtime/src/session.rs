@@ -4,13 +4,13 @@
 //! device ⇄ haptic thread ──board──→ contact finder
 //!             │    ↑                    │
 //!             │    └──── mailbox ───────┘  patches
-//!             └── ring ──→ scribe: statistics, recording
+//!             └── ring ──→ recorder thread: statistics, recording
 //! ```
 //!
 //! The haptic thread touches the patch, the contact, the stages, the device and the ring; never the body, the disk, or
 //! anything that another thread might hold.
 
-use crate::finder::{Finder, Footing, footing};
+use crate::finder::{Finder, PatchHolder, patch_holder};
 use crate::real_time::{Clock, RealTime, lock_memory};
 use crate::record::{Record, Recorder};
 use crate::watch::{Alarm, End, Patience, Watch};
@@ -36,7 +36,7 @@ pub struct Settings {
     pub patch_elements: usize,
     /// What the haptic thread asks of the system.
     pub real_time: RealTime,
-    /// When the watchdogs bark.
+    /// When the watchdogs trip.
     pub patience: Patience,
     /// Between two looks of the contact finder while there is nothing to do, s.
     pub finder_pause_s: f64,
@@ -110,7 +110,7 @@ pub struct Prepared {
     recorder: Recorder,
     settings: Settings,
     notes: Vec<String>,
-    footing: Footing,
+    patch_holder: PatchHolder,
     finder: Finder,
 }
 
@@ -157,8 +157,8 @@ impl Session {
         let place = device.read(0.0).map_or([0.0; 3], |s| haptics.map().body_from_device(&s.pose).position_m);
         let place = if place.iter().all(|x| x.is_finite()) { place } else { [0.0; 3] };
         let notes = device.notes().iter().cloned().chain(lock_memory(&*body)).collect();
-        let (footing, finder) = footing(body, place, settings.patch_elements)?;
-        Ok(Prepared { device, haptics, recorder, settings, notes, footing, finder })
+        let (patch_holder, finder) = patch_holder(body, place, settings.patch_elements)?;
+        Ok(Prepared { device, haptics, recorder, settings, notes, patch_holder, finder })
     }
 
     /// Something to stop it with.
@@ -198,7 +198,7 @@ impl Prepared {
         self,
         find: impl FnOnce(Finder, &Shared, Duration) + Send + 'static,
     ) -> Result<Session, StartError> {
-        let Prepared { device, haptics, recorder, settings, notes, footing, finder } = self;
+        let Prepared { device, haptics, recorder, settings, notes, patch_holder, finder } = self;
         let shared = Arc::new(Shared::default());
         thread::Builder::new().name("palpate-finder".into()).spawn({
             let shared = shared.clone();
@@ -209,7 +209,7 @@ impl Prepared {
         })?;
         let haptic = thread::Builder::new().name("palpate-haptic".into()).spawn({
             let shared = shared.clone();
-            move || Haptic { shared, haptics, footing, recorder, settings, notes }.run(device)
+            move || Haptic { shared, haptics, patch_holder, recorder, settings, notes }.run(device)
         });
         let haptic = haptic.inspect_err(|_| shared.over.store(true, Ordering::Release))?;
         Ok(Session { shared, haptic: Some(haptic) })
@@ -269,7 +269,7 @@ fn find(mut finder: Finder, shared: &Shared, pause: Duration) {
 struct Haptic {
     shared: Arc<Shared>,
     haptics: HapticLoop,
-    footing: Footing,
+    patch_holder: PatchHolder,
     recorder: Recorder,
     settings: Settings,
     /// What was refused before the threads began.
@@ -320,7 +320,7 @@ impl Haptic {
             end,
             notes: self.notes,
             periods: tally.periods,
-            refused_patches: self.footing.refused(),
+            refused_patches: self.patch_holder.refused(),
             page_faults: faults,
             haptics: well.then_some(self.haptics),
         }
@@ -342,10 +342,10 @@ impl Haptic {
             if !paced {
                 clock.sleep(due, spin);
             }
-            self.footing.renew(self.haptics.contact_mut());
+            self.patch_holder.renew(self.haptics.contact_mut());
             if !paced {
                 // The time is there; the caches are cold after a sleep.
-                self.haptics.rehearse(self.footing.patch());
+                self.haptics.rehearse(self.patch_holder.patch());
                 clock.spin(due);
             }
             let began = clock.now();
@@ -361,15 +361,16 @@ impl Haptic {
             if self.shared.finder_gone.load(Ordering::Acquire) {
                 return Stop::FinderDead;
             }
-            if let Some(alarm) = watch.begin(now, late as f64 * 1e-9, self.footing.link().beats()) {
+            if let Some(alarm) = watch.begin(now, late as f64 * 1e-9, self.patch_holder.link().beats()) {
                 return Stop::Alarm(alarm);
             }
             let time = if paced { now } else { tally.number as f64 / rate_hz };
-            let period = self.haptics.period(self.footing.patch(), device, time);
+            let period = self.haptics.period(self.patch_holder.patch(), device, time);
             let took = (clock.now() - began).saturating_sub(device.read_ns + device.write_ns);
-            let waits = period.flags.has(StageFlags::WAITED) || period.output.flags.has(Flags::FENCED);
+            let waits =
+                period.flags.has(StageFlags::WAITED) || period.output.flags.has(Flags::PATCH_BOUNDARY);
             tally.waits += u64::from(waits);
-            self.footing.report(time, period.pose.position_m, self.haptics.contact(), waits);
+            self.patch_holder.report(time, period.pose.position_m, self.haptics.contact(), waits);
             self.record(
                 &period,
                 tally,
@@ -382,14 +383,14 @@ impl Haptic {
         Stop::Done
     }
 
-    /// Hands a period to the scribe, and goes on to the next.
+    /// Hands a period to the recorder thread, and goes on to the next.
     fn record(&mut self, period: &Period, tally: &mut Tally, times: Times) {
         let Times { began, late, took, of_device: (read_ns, write_ns) } = times;
         let mut record = Record::new(tally.number, &self.haptics, period);
         record.started_ns = began;
         record.lateness_ns = late;
         record.period_ns = if tally.periods > 0 { began - tally.began } else { 0 };
-        tally.fill(&mut record, &self.footing);
+        tally.fill(&mut record, &self.patch_holder);
         record.read_ns = read_ns as u32;
         record.write_ns = write_ns as u32;
         record.step_ns = took as u32;
@@ -442,12 +443,12 @@ struct Tally {
 
 impl Tally {
     /// What concerns the patch and the page faults.
-    fn fill(&mut self, record: &mut Record, footing: &Footing) {
-        let patch = footing.patch();
+    fn fill(&mut self, record: &mut Record, patch_holder: &PatchHolder) {
+        let patch = patch_holder.patch();
         if record.element != Record::NONE {
             record.element = patch.global(record.element);
         }
-        let (serial, count) = footing.asked();
+        let (serial, count) = patch_holder.asked();
         record.patch_centre_m = patch.centre_m();
         record.patch_serial = serial;
         record.patch_count = count as u32;

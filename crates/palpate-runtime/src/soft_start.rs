@@ -1,4 +1,4 @@
-//! The force grows in, at the beginning and after anything that went wrong.
+//! The force ramps up, at the beginning and after anything that went wrong.
 
 /// A factor that rises from 0 to 1, by the same step in every period, however late: a loop that slept does not wake up
 /// with all its force.

@@ -5,10 +5,10 @@ use glam::DVec3;
 use palpate_device::{Command, Sample};
 
 /// What lies between the engine and the device, in the order in which it acts. The default lets everything pass but what
-/// is no number; [`Safety::stages`](crate::Safety::stages) makes those for a device that somebody holds.
+/// is NaN or infinite; [`Safety::stages`](crate::Safety::stages) makes those for a device that somebody holds.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Stages {
-    /// Which poses are believed.
+    /// Which poses are accepted.
     pub guard: PoseGuard,
     /// A spring between the device and a virtual tool that touches the body in its place.
     pub coupling: Option<Coupling>,
@@ -16,7 +16,7 @@ pub struct Stages {
     pub damping: Option<Damping>,
     /// Takes back energy that the loop would give out.
     pub passivity: Option<PassivityController>,
-    /// Lets the force grow in.
+    /// Lets the force ramp up.
     pub soft_start: SoftStart,
     /// Cuts the force and its steps.
     pub force: Limit,
@@ -26,7 +26,7 @@ pub struct Stages {
 
 impl Stages {
     /// The command for `force` and `torque`, both in the device's frame. `silence` asks for none: what is rendered goes
-    /// to zero within the slew limit, and grows in anew afterwards.
+    /// to zero within the slew limit, and ramps up anew afterwards.
     pub(crate) fn command(
         &mut self,
         now: f64,
@@ -36,7 +36,7 @@ impl Stages {
         flags: &mut StageFlags,
     ) -> Command {
         let [force, torque] = [force, torque].map(|wanted| contain(wanted, flags));
-        // The handle's place is that of the last pose that was believed; with none, nothing moves.
+        // The handle's place is that of the last pose that was accepted; with none, nothing moves.
         let place = self.guard.position().unwrap_or_default();
         let damped = match &mut self.damping {
             Some(damping) => force + damping.force(now, place, sample.velocity_m_per_s),
@@ -53,7 +53,7 @@ impl Stages {
         };
         let factor = self.soft_start.factor(silence);
         flags.set(StageFlags::STARTING, factor < 1.0);
-        // Not a product: in silence what is no number must be silent too.
+        // Not a product: in silence a NaN or infinite value must be silent too.
         let grown = |wanted: DVec3| if silence { DVec3::ZERO } else { wanted * factor };
         let rendered = self.force.pass(grown(passive), flags);
         if let Some(controller) = &mut self.passivity {
@@ -70,7 +70,7 @@ impl Stages {
     }
 }
 
-/// What is no number becomes zero.
+/// A NaN or infinite value becomes zero.
 fn contain(wanted: DVec3, flags: &mut StageFlags) -> DVec3 {
     flags.set(StageFlags::CONTAINED, !wanted.is_finite());
     if wanted.is_finite() { wanted } else { DVec3::ZERO }

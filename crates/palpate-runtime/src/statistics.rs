@@ -6,9 +6,9 @@ use palpate_engine::Flags;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Times are told apart up to here, ns; what is longer counts as this long but for the maximum.
+/// Times are distinguished up to here, ns; what is longer counts as this long but for the maximum.
 const LONGEST: u64 = 60_000_000_000;
-/// Digits that are told apart.
+/// Digits that are distinguished.
 const DIGITS: u8 = 3;
 
 /// Sums and histograms of a fixed size.

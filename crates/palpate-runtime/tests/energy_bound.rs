@@ -5,13 +5,13 @@
 
 mod common;
 
-use common::{Chance, patch, plane, shape, uniform, with_field};
+use common::{Random, patch, plane, shape, uniform, with_field};
 use glam::DVec3;
 use palpate_body::Body;
 use palpate_body::shape::Shape;
 use palpate_device::simulated::{Hand, Move, Script};
 use palpate_device::{Capabilities, Device, Figure, Simulated, presets};
-use palpate_engine::certify::{Assumptions, Criterion, Effort, Patch, ROUNDING, least};
+use palpate_engine::certify::{Assumptions, Criterion, Effort, ElementStates, ROUNDING, least};
 use palpate_engine::{Contact, Flags};
 use palpate_runtime::{HapticLoop, Stages, WorkspaceMap};
 
@@ -37,7 +37,7 @@ const DEPTH: f64 = 18e-3;
 const STEP: f64 = 1.5e-3;
 
 /// Bodies at random, on which slip is proved never to raise W.
-fn passive_bodies(rng: &mut Chance, tally: &mut Tally) -> Vec<(&'static str, Body)> {
+fn passive_bodies(rng: &mut Random, tally: &mut Tally) -> Vec<(&'static str, Body)> {
     let (kz, kr) = (rng.range(300.0, 1500.0), rng.range(150.0, 1500.0));
     let sphere = shape(Shape::Sphere { radius_mm: 30.0 }, 10.0);
     let slope = DVec3::new(rng.range(-8.0, 8.0), rng.range(-8.0, 8.0), 0.0);
@@ -61,13 +61,13 @@ fn is_passive(body: &Body) -> bool {
         Assumptions { slip: body.slip(), depth_m: Some(DEPTH), step_m: STEP, ..Assumptions::default() };
     let effort = Effort { evaluations: 400, absolute: 0.0, relative: 0.5 };
     (0..body.elements().len() as u32).all(|element| {
-        let patch = Patch::new(body, element, &assumptions);
+        let patch = ElementStates::new(body, element, &assumptions);
         let passive = least(Criterion::Passive, &patch, &patch.cells(), effort);
         passive.proved >= -ROUNDING && !patch.holds_too_far()
     })
 }
 
-fn device(rng: &mut Chance) -> Capabilities {
+fn device(rng: &mut Random) -> Capabilities {
     let mut capabilities = presets::device("bench").unwrap();
     let m = &mut capabilities.mechanics;
     let mut any = |figure: &mut Figure, low: f64, high: f64| *figure = Figure::chosen(rng.range(low, high));
@@ -88,7 +88,7 @@ fn device(rng: &mut Chance) -> Capabilities {
     capabilities
 }
 
-fn hand(rng: &mut Chance) -> Hand {
+fn hand(rng: &mut Random) -> Hand {
     match rng.below(3) {
         0 => Hand::default(),
         1 => Hand {
@@ -100,7 +100,7 @@ fn hand(rng: &mut Chance) -> Hand {
     }
 }
 
-fn moves(rng: &mut Chance) -> Vec<Move> {
+fn moves(rng: &mut Random) -> Vec<Move> {
     let mut moves = vec![Move::Press { depth_m: rng.range(1e-3, 9e-3), seconds: rng.range(0.05, 0.4) }];
     for _ in 0..6 {
         let seconds = rng.range(0.1, 0.6);
@@ -117,7 +117,7 @@ fn moves(rng: &mut Chance) -> Vec<Move> {
 }
 
 /// One run; panics where the bound doesn't hold.
-fn run(name: &str, body: &Body, rng: &mut Chance, tally: &mut Tally) {
+fn run(name: &str, body: &Body, rng: &mut Random, tally: &mut Tally) {
     let (capabilities, hand) = (device(rng), hand(rng));
     let (damping, period) = (capabilities.mechanics.damping_n_s_per_m.value, 1e-3);
     let m = &capabilities.mechanics;
@@ -168,7 +168,7 @@ fn run(name: &str, body: &Body, rng: &mut Chance, tally: &mut Tally) {
 fn runs(count: u64) -> Tally {
     let mut tally = Tally::default();
     for seed in 0..count {
-        let mut rng = Chance::new(seed);
+        let mut rng = Random::new(seed);
         for (name, body) in passive_bodies(&mut rng, &mut tally) {
             run(name, &body, &mut rng, &mut tally);
         }

@@ -19,7 +19,7 @@ fn explore(test: impl Fn() + Send + Sync + 'static) {
     model.check(test);
 }
 
-/// Boxes go round as between the finder and the footing: none is lost or taken twice, the newest arrives, in order, and the
+/// Boxes go round as between the finder and the patch holder: none is lost or taken twice, the newest arrives, in order, and the
 /// taker never has to give back two.
 #[test]
 fn boxes_go_round() {
@@ -31,9 +31,9 @@ fn boxes_go_round() {
             let mut hands: Vec<Box<u32>> = vec![Box::new(0), Box::new(0)];
             for serial in 1..=3 {
                 hands.extend(used.take());
-                let Some(mut parcel) = hands.pop() else { continue };
-                *parcel = serial;
-                hands.extend(fresh.post(parcel));
+                let Some(mut message) = hands.pop() else { continue };
+                *message = serial;
+                hands.extend(fresh.post(message));
             }
             hands.len()
         });

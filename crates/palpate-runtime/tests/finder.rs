@@ -7,7 +7,7 @@ use palpate_body::Body;
 use palpate_body::shape::Shape;
 use palpate_device::{Device, Pose, Replay, ReplaySample};
 use palpate_engine::{Contact, Flags};
-use palpate_runtime::{HapticLoop, Limit, Stages, WorkspaceMap, footing};
+use palpate_runtime::{HapticLoop, Limit, Stages, WorkspaceMap, patch_holder};
 use std::sync::Arc;
 
 const RADIUS: f64 = 0.03;
@@ -40,7 +40,7 @@ fn waits(body: &Arc<Body>, whole: usize, stalled: std::ops::Range<usize>) -> (Ve
     device.open().unwrap();
     let stages = Stages { force: Limit::new(1e3, 1e3), ..Stages::default() };
     let mut haptics = HapticLoop::new(Contact::new(body), WorkspaceMap::default(), stages);
-    let (mut footing, mut finder) = footing(body.clone(), [0.0, 0.0, RADIUS], ELEMENTS).unwrap();
+    let (mut patch_holder, mut finder) = patch_holder(body.clone(), [0.0, 0.0, RADIUS], ELEMENTS).unwrap();
     let mut waits = vec![0; 15];
     let (mut serial, mut busy_until) = (1, 0);
     for k in 0..1500 {
@@ -48,22 +48,22 @@ fn waits(body: &Arc<Body>, whole: usize, stalled: std::ops::Range<usize>) -> (Ve
             finder.look().unwrap();
         }
         let time = k as f64 * 1e-3;
-        footing.renew(haptics.contact_mut());
-        let (newest, elements) = footing.asked();
+        patch_holder.renew(haptics.contact_mut());
+        let (newest, elements) = patch_holder.asked();
         if std::mem::replace(&mut serial, newest) != newest {
             busy_until = k + whole * elements / ELEMENTS;
         }
-        let period = haptics.period(footing.patch(), &mut device, time);
+        let period = haptics.period(patch_holder.patch(), &mut device, time);
         assert!(k < 110 || period.output.flags.has(Flags::IN_CONTACT), "{time}");
-        footing.report(
+        patch_holder.report(
             time,
             period.pose.position_m,
             haptics.contact(),
-            period.output.flags.has(Flags::FENCED),
+            period.output.flags.has(Flags::PATCH_BOUNDARY),
         );
-        waits[k / 100] += usize::from(period.output.flags.has(Flags::FENCED));
+        waits[k / 100] += usize::from(period.output.flags.has(Flags::PATCH_BOUNDARY));
     }
-    (waits, footing.refused())
+    (waits, patch_holder.refused())
 }
 
 #[test]

@@ -12,7 +12,7 @@ use palpate_device::{Device, Fault, Simulated, presets};
 use palpate_engine::{Contact, Flags};
 use palpate_runtime::{
     Coupling, Damping, HapticLoop, Limit, PassivityController, Record, Stages, Statistics, WorkspaceMap,
-    footing, ring,
+    patch_holder, ring,
 };
 use std::sync::Arc;
 
@@ -76,32 +76,32 @@ fn a_period_on_patches_allocates_nothing_while_they_are_renewed() {
     device.open().unwrap();
     let stages = Stages { force: Limit::new(3.3, 1.65), ..Stages::default() };
     let mut haptics = HapticLoop::new(Contact::new(&body), WorkspaceMap::default(), stages);
-    let (mut footing, mut finder) = footing(body, top.to_array(), 200).unwrap();
+    let (mut patch_holder, mut finder) = patch_holder(body, top.to_array(), 200).unwrap();
     let (mut recorder, _records) = ring(2000);
     let (mut touched, mut patches, mut waited) = (0, 0, 0);
     for k in 0..1200u32 {
-        // It skips looks now and then, so that the loop meets the fence.
+        // It skips looks now and then, so that the loop meets the patch's boundary.
         if k % 100 < 30 {
             finder.look().unwrap();
         }
         let time = f64::from(k) * 1e-3;
         let (period, renewed) = assert_no_alloc(|| {
-            let before = footing.asked().0;
-            footing.renew(haptics.contact_mut());
-            haptics.rehearse(footing.patch());
-            let period = haptics.period(footing.patch(), &mut device, time);
-            let waits = period.output.flags.has(Flags::FENCED);
-            footing.report(time, period.pose.position_m, haptics.contact(), waits);
+            let before = patch_holder.asked().0;
+            patch_holder.renew(haptics.contact_mut());
+            haptics.rehearse(patch_holder.patch());
+            let period = haptics.period(patch_holder.patch(), &mut device, time);
+            let waits = period.output.flags.has(Flags::PATCH_BOUNDARY);
+            patch_holder.report(time, period.pose.position_m, haptics.contact(), waits);
             assert!(recorder.push(&Record::new(k.into(), &haptics, &period)));
-            (period, footing.asked().0 != before)
+            (period, patch_holder.asked().0 != before)
         });
         assert_eq!(period.fault, None);
         touched += u32::from(period.output.flags.has(Flags::IN_CONTACT));
         patches += u32::from(renewed);
-        waited += u32::from(period.output.flags.has(Flags::FENCED));
+        waited += u32::from(period.output.flags.has(Flags::PATCH_BOUNDARY));
     }
-    println!("{touched} in contact, {patches} patches, {waited} at the fence");
+    println!("{touched} in contact, {patches} patches, {waited} at the patch's boundary");
     assert!(touched > 300 && patches > 10 && waited > 0, "{touched} {patches} {waited}");
-    assert_eq!(footing.refused(), 0);
+    assert_eq!(patch_holder.refused(), 0);
     let _ = haptics.fade(&mut device, 1.2);
 }

@@ -4,7 +4,7 @@
 mod common;
 
 use bytemuck::{Zeroable, bytes_of, bytes_of_mut};
-use common::Chance;
+use common::Random;
 use common::faulty::{Faulty, Odds};
 use common::plane;
 use glam::DVec3;
@@ -13,8 +13,8 @@ use palpate_device::simulated::{Hand, Move, Script};
 use palpate_device::{Device, Simulated, presets};
 use palpate_engine::{Contact, Flags};
 use palpate_runtime::{
-    BodyFile, Ending, HapticLoop, Header, Record, Recording, RecordingFile, Safety, Scribe, WorkspaceMap,
-    ring,
+    BodyFile, Ending, HapticLoop, Header, Record, RecorderThread, Recording, RecordingFile, Safety,
+    WorkspaceMap, ring,
 };
 use std::io::{self, Write};
 use std::path::Path;
@@ -40,7 +40,7 @@ fn header() -> Header {
 
 /// Records of random bits: every f64 that there is may be among them.
 fn noise(count: u64, seed: u64) -> Vec<Record> {
-    let mut rng = Chance::new(seed);
+    let mut rng = Random::new(seed);
     let mut record = |number| {
         let mut record = Record::zeroed();
         bytes_of_mut(&mut record).iter_mut().for_each(|b| *b = rng.below(256) as u8);
@@ -79,7 +79,7 @@ fn what_is_written_comes_back_to_the_bit() {
     assert!(back.len() == 500 && back.iter().zip(&records).all(|(a, b)| same(a, b)));
     assert_eq!(ending, Ending::Clean { reason: "asked to stop".into(), dropped: 7 });
     let wrong = RecordingFile::begin(Vec::new(), &Header { rate_hz: f64::NAN, ..header() });
-    assert!(wrong.unwrap_err().to_string().contains("no number"));
+    assert!(wrong.unwrap_err().to_string().contains("NaN or infinite"));
     // A reason that is too long is cut between two letters.
     let mut bytes = Vec::new();
     RecordingFile::begin(&mut bytes, &header()).unwrap().end(&"ä".repeat(1000), 0, 0).unwrap();
@@ -233,19 +233,19 @@ fn a_full_disk_ends_the_writing_and_nothing_else() {
         let disk = Disk::new(room);
         let (mut recorder, end) = ring(64);
         let file = RecordingFile::begin(disk.clone(), &header()).unwrap();
-        let scribe = Scribe::start(end, Some(file), 1000.0).unwrap();
+        let recorder_thread = RecorderThread::start(end, Some(file), 1000.0).unwrap();
         records.iter().for_each(|r| assert!(recorder.push(r)));
         let begun = Instant::now();
         let told = loop {
-            if let Some(told) = scribe.trouble() {
+            if let Some(told) = recorder_thread.trouble() {
                 break told;
             }
             assert!(begun.elapsed() < Duration::from_secs(20));
             std::thread::sleep(Duration::from_millis(2));
         };
-        assert!(told.contains("the recording ends here") && scribe.trouble().is_none(), "{told}");
+        assert!(told.contains("the recording ends here") && recorder_thread.trouble().is_none(), "{told}");
         records.iter().for_each(|r| assert!(recorder.push(r) || recorder.dropped() > 0));
-        let finished = scribe.finish("the end");
+        let finished = recorder_thread.finish("the end");
         let whole = (room - start) / Record::BYTES;
         assert_eq!(finished.summary.periods + finished.summary.dropped_records, 80);
         // At least so many: what the disk had taken when it was last asked.
@@ -265,18 +265,18 @@ fn a_full_ring_drops_and_counts() {
     assert_eq!(recorder.dropped(), 6);
     let disk = Disk::new(usize::MAX);
     let file = RecordingFile::begin(disk.clone(), &header()).unwrap();
-    let scribe = Scribe::start(end, Some(file), 1000.0).unwrap();
+    let recorder_thread = RecorderThread::start(end, Some(file), 1000.0).unwrap();
     // The haptic thread may be gone long before anybody says why.
     drop(recorder);
     std::thread::sleep(Duration::from_millis(30));
-    let finished = scribe.finish("the end");
+    let finished = recorder_thread.finish("the end");
     assert_eq!((finished.summary.dropped_records, finished.written), (6, 4));
     let (back, ending) = read(&disk.bytes()).unwrap();
     assert_eq!(back.iter().map(|r| r.number).collect::<Vec<_>>(), [0, 1, 2, 3]);
     assert_eq!(ending, Ending::Clean { reason: "the end".into(), dropped: 6 });
 }
 
-/// What is older than half a second is on the disk, whatever becomes of the program; a scribe without a file counts.
+/// What is older than half a second is on the disk, whatever becomes of the program; a recorder thread without a file counts.
 #[test]
 fn half_a_second_is_the_most_that_a_kill_takes() {
     let folder = tempfile::tempdir().unwrap();
@@ -284,7 +284,7 @@ fn half_a_second_is_the_most_that_a_kill_takes() {
     let file = RecordingFile::create(&path, false, &header()).unwrap();
     let records = noise(100, 6);
     let (mut recorder, end) = ring(256);
-    let scribe = Scribe::start(end, Some(file), 1000.0).unwrap();
+    let recorder_thread = RecorderThread::start(end, Some(file), 1000.0).unwrap();
     records.iter().for_each(|r| assert!(recorder.push(r)));
     let begun = Instant::now();
     while read(&std::fs::read(&path).unwrap()).unwrap().0.len() < 100 {
@@ -294,12 +294,12 @@ fn half_a_second_is_the_most_that_a_kill_takes() {
     }
     println!("flushed after {:?}", begun.elapsed());
     assert_eq!(read(&std::fs::read(&path).unwrap()).unwrap().1, Ending::Cut { left_over: 0 });
-    assert_eq!(scribe.summary().periods, 100);
-    drop((recorder, scribe));
+    assert_eq!(recorder_thread.summary().periods, 100);
+    drop((recorder, recorder_thread));
     let (mut recorder, end) = ring(256);
-    let scribe = Scribe::start::<Disk>(end, None, 1000.0).unwrap();
+    let recorder_thread = RecorderThread::start::<Disk>(end, None, 1000.0).unwrap();
     records.iter().for_each(|r| assert!(recorder.push(r)));
-    let finished = scribe.finish("the end");
+    let finished = recorder_thread.finish("the end");
     assert_eq!((finished.summary.periods, finished.written), (100, 0));
 }
 

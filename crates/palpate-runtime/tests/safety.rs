@@ -4,7 +4,7 @@
 mod common;
 
 use common::faulty::{Faulty, Odds};
-use common::{Chance, patch, plane, shape, uniform, with_field};
+use common::{Random, patch, plane, shape, uniform, with_field};
 use glam::{DQuat, DVec3};
 use palpate_body::Body;
 use palpate_body::shape::Shape;
@@ -13,7 +13,9 @@ use palpate_device::{
     Capabilities, Command, Device, Fault, Figure, OpenError, Pose, Sample, Simulated, presets,
 };
 use palpate_engine::{Contact, Flags};
-use palpate_runtime::{Coupling, HapticLoop, Period, Safety, StageCounts, StageFlags, WorkspaceMap, footing};
+use palpate_runtime::{
+    Coupling, HapticLoop, Period, Safety, StageCounts, StageFlags, WorkspaceMap, patch_holder,
+};
 use std::sync::Arc;
 
 const RUNS: u64 = 1000;
@@ -28,7 +30,7 @@ struct Tally {
     step: f64,
 }
 
-fn bodies(rng: &mut Chance) -> Vec<Arc<Body>> {
+fn bodies(rng: &mut Random) -> Vec<Arc<Body>> {
     let mut stiffness = || rng.range(150.0, 8000.0);
     let [k, l, m] = [stiffness(), stiffness(), stiffness()];
     let sphere = shape(Shape::Sphere { radius_mm: 30.0 }, 5.0);
@@ -41,7 +43,7 @@ fn bodies(rng: &mut Chance) -> Vec<Arc<Body>> {
     .to_vec()
 }
 
-fn moves(rng: &mut Chance) -> Vec<Move> {
+fn moves(rng: &mut Random) -> Vec<Move> {
     let mut moves = vec![Move::Press { depth_m: rng.range(1e-3, 12e-3), seconds: rng.range(0.005, 0.1) }];
     for _ in 0..4 {
         let seconds = rng.range(0.01, 0.2);
@@ -56,7 +58,7 @@ fn moves(rng: &mut Chance) -> Vec<Move> {
 }
 
 /// Settings that are valid for this device and rate, most of them off half of the time.
-fn settings(rng: &mut Chance, rate_hz: f64, mass: f64) -> Safety {
+fn settings(rng: &mut Random, rate_hz: f64, mass: f64) -> Safety {
     let mut safety = Safety::default();
     let mut maybe = |low: f64, high: f64| (rng.unit() < 0.5).then(|| rng.range(low, high));
     safety.soft_start_s = maybe(0.001, 0.1).unwrap_or(0.0);
@@ -86,7 +88,7 @@ fn check(taken: &[Command], most: f64, step: f64, tally: &mut Tally) {
     }
 }
 
-fn run(body: &Arc<Body>, seed: u64, rng: &mut Chance, tally: &mut Tally) {
+fn run(body: &Arc<Body>, seed: u64, rng: &mut Random, tally: &mut Tally) {
     let mut capabilities = presets::device("touch").unwrap();
     let mass = capabilities.mechanics.mass_kg.value;
     // The loop's limit must hold by itself: these motors would render more.
@@ -125,7 +127,7 @@ fn run(body: &Arc<Body>, seed: u64, rng: &mut Chance, tally: &mut Tally) {
     let (late, mut now) = (rng.unit() < 0.3, 0.0);
     // So few elements, and so seldom renewed, that the tool leaves them.
     let mut patches =
-        (rng.unit() < 0.4).then(|| footing(body.clone(), body.point(touch.at).to_array(), 16).unwrap());
+        (rng.unit() < 0.4).then(|| patch_holder(body.clone(), body.point(touch.at).to_array(), 16).unwrap());
     // Periods since the stop in which the device was told something new.
     let mut told = 0;
     for k in 0..PERIODS {
@@ -138,14 +140,15 @@ fn run(body: &Arc<Body>, seed: u64, rng: &mut Chance, tally: &mut Tally) {
         now += if late && rng.unit() < 0.02 { rng.range(0.0, 0.3) } else { 1.0 / rate_hz };
         let period = match &mut patches {
             None => closed.period(&**body, &mut device, now),
-            Some((footing, finder)) => {
+            Some((patch_holder, finder)) => {
                 if rng.unit() < 0.1 {
                     finder.look().unwrap();
                 }
-                footing.renew(closed.contact_mut());
-                let period = closed.period(footing.patch(), &mut device, now);
-                let waits = period.flags.has(StageFlags::WAITED) || period.output.flags.has(Flags::FENCED);
-                footing.report(now, period.pose.position_m, closed.contact(), waits);
+                patch_holder.renew(closed.contact_mut());
+                let period = closed.period(patch_holder.patch(), &mut device, now);
+                let waits =
+                    period.flags.has(StageFlags::WAITED) || period.output.flags.has(Flags::PATCH_BOUNDARY);
+                patch_holder.report(now, period.pose.position_m, closed.contact(), waits);
                 period
             }
         };
@@ -173,7 +176,7 @@ fn run(body: &Arc<Body>, seed: u64, rng: &mut Chance, tally: &mut Tally) {
 fn no_force_and_no_step_above_the_limits_whatever_goes_wrong() {
     let mut tally = Tally::default();
     for group in 0..RUNS / 20 {
-        let mut rng = Chance::new(group);
+        let mut rng = Random::new(group);
         let bodies = bodies(&mut rng);
         for i in 0..20 {
             run(&bodies[i % bodies.len()], 20 * group + i as u64, &mut rng, &mut tally);
@@ -228,7 +231,7 @@ impl Device for Handle {
     fn close(&mut self) {}
 }
 
-/// Every cause of silence is silent within two periods; afterwards the force grows in over the soft start to what it was.
+/// Every cause of silence is silent within two periods; afterwards the force ramps up over the soft start to what it was.
 #[test]
 fn each_cause_is_silent_in_time_and_the_force_grows_in_again() {
     let body = plane(600.0, 500.0, 0.3);

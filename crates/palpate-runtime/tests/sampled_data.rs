@@ -1,5 +1,5 @@
 //! The sampled-data rule (MODEL 5): a loop cycles where K_max exceeds what damping and period allow, and not below; and
-//! what the two output stages that mend it cost.
+//! what the two output stages that cure it cost.
 
 mod common;
 

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{Chance, plane, shape, with_field};
+use common::{Random, plane, shape, with_field};
 use glam::DVec3;
 use palpate_body::shape::Shape;
 use palpate_body::{
@@ -13,8 +13,8 @@ use palpate_device::simulated::{Move, Script};
 use palpate_device::{Capabilities, Command, Device, Fault, OpenError, Sample, Simulated, presets};
 use palpate_engine::{Ablation, Contact, Flags};
 use palpate_runtime::{
-    End, Ending, HapticLoop, Header, Opened, Patience, RealTime, Record, Recording, RecordingFile, Report,
-    Retrace, Safety, Scribe, Session, Settings, WorkspaceMap, ring,
+    End, Ending, HapticLoop, Header, Opened, Patience, RealTime, Record, RecorderThread, Recording,
+    RecordingFile, Report, Retrace, Safety, Session, Settings, WorkspaceMap, ring,
 };
 use std::io::{self, Write};
 use std::path::Path;
@@ -38,7 +38,7 @@ enum Mishap {
     Unanswering,
 }
 
-/// A simulated device with a mishap, and a list of what it was told.
+/// A simulated device with a mishap, and a list of its commands.
 struct Rigged {
     device: Simulated,
     mishap: Mishap,
@@ -149,7 +149,7 @@ fn haptics(model: &ContactModel, device: &Capabilities) -> HapticLoop {
 }
 
 fn run<B: BodySource + 'static>(body: &Arc<B>, device: Rigged, settings: Settings) -> Report {
-    let haptics = haptics(body.outline(), device.capabilities());
+    let haptics = haptics(body.model_header(), device.capabilities());
     let (recorder, _records) = ring(4000);
     Session::start(body.clone(), Opened::new(Box::new(device)).unwrap(), haptics, recorder, settings)
         .unwrap()
@@ -217,7 +217,7 @@ fn whatever_happens_to_the_device_the_force_ends_in_time_and_the_reason_is_said(
             Mishap::NoNumbers | Mishap::Unanswering => {
                 assert!(after.all(|(_, f)| *f == DVec3::ZERO), "{mishap:?}");
             }
-            // Away for less than a motion takes: nothing is felt there, and the force grows in again where it was.
+            // Away for less than a motion takes: nothing is felt there, and the force ramps up again where it was.
             Mishap::JumpsBack => {
                 let mut away = after.take_while(|(t, _)| *t < HURT + AWAY);
                 assert!(away.all(|(_, f)| *f == DVec3::ZERO), "{commands:?}");
@@ -267,8 +267,8 @@ struct Slow {
 }
 
 impl BodySource for Slow {
-    fn outline(&self) -> &ContactModel {
-        self.body.outline()
+    fn model_header(&self) -> &ContactModel {
+        self.body.model_header()
     }
     fn element_count(&self) -> usize {
         self.body.element_count()
@@ -353,8 +353,8 @@ fn a_body_that_is_left_in_its_file_for_another_slip_rule_is_refused() {
     ball(2.0).save(&path).unwrap();
     let body = Arc::new(StoredBody::open(&path, Some(SlipRule::Paper)).unwrap());
     let (device, log) = rigged(Mishap::None, DVec3::ZERO);
-    let mut haptics = haptics(body.outline(), device.capabilities());
-    *haptics.contact_mut() = Contact::on(body.outline(), SlipRule::Consistent, Ablation::None);
+    let mut haptics = haptics(body.model_header(), device.capabilities());
+    *haptics.contact_mut() = Contact::on(body.model_header(), SlipRule::Consistent, Ablation::None);
     let (recorder, _records) = ring(10);
     let opened = Opened::new(Box::new(device)).unwrap();
     let error =
@@ -392,7 +392,7 @@ fn a_body_that_is_cut_or_changed_in_its_file_ends_the_loop() {
         ball(0.7).save(&path).unwrap();
         let body = Arc::new(StoredBody::open(&path, Some(SlipRule::Paper)).unwrap());
         let (device, log) = rigged(Mishap::None, DVec3::new(0.0, 0.0, 0.03));
-        let haptics = haptics(body.outline(), device.capabilities());
+        let haptics = haptics(body.model_header(), device.capabilities());
         let (recorder, _records) = ring(4000);
         let settings = Settings { patch_elements: 64, ..settings(0.7) };
         let opened = Opened::new(Box::new(device)).unwrap();
@@ -481,7 +481,7 @@ fn a_scribe_that_panics_cuts_the_recording_and_the_loop_goes_on() {
     let (recorder, records) = ring(50);
     let disk = Broken { written: Arc::default(), room: WRITTEN };
     let file = RecordingFile::begin(disk.clone(), &Header::default()).unwrap();
-    let scribe = Scribe::start(records, Some(file), 1000.0).unwrap();
+    let recorder_thread = RecorderThread::start(records, Some(file), 1000.0).unwrap();
     let opened = Opened::new(Box::new(device)).unwrap();
     let report = Session::start(body, opened, haptics, recorder, settings(0.5)).unwrap().join();
     assert_eq!(report.end, End::Done);
@@ -489,7 +489,7 @@ fn a_scribe_that_panics_cuts_the_recording_and_the_loop_goes_on() {
     assert_eq!(commands.last().unwrap().1, DVec3::ZERO);
     let later = commands.iter().filter(|(t, f)| *t > HURT && f.length() > 0.1).count();
     assert!(later > 20, "{later}");
-    let finished = scribe.finish("the end");
+    let finished = recorder_thread.finish("the end");
     assert_eq!(finished.trouble.as_deref(), Some("the thread that writes the recording panicked"));
     assert!(finished.written <= WRITTEN as u64 && finished.summary.dropped_records > 0);
     let bytes = disk.written.lock().unwrap().clone();
@@ -525,25 +525,26 @@ fn a_recording_on_patches_is_replayed_to_the_bit_by_two_devices_at_once() {
     // One has the body in memory, the other in its file; the records of both are replayed with it where the other had it.
     let of: [Arc<dyn BodySource>; 2] = [body.clone(), whole.clone()];
     let sessions = [0, 1].map(|i| {
-        let turn = Chance::new(i as u64).range(0.0, 6.0);
+        let turn = Random::new(i as u64).range(0.0, 6.0);
         let place = DVec3::new(6e-3 * libm::cos(turn), 6e-3 * libm::sin(turn), 29.4e-3);
         let (device, _) = rigged(Mishap::None, place);
         let haptics = haptics(&body, device.capabilities());
         let (recorder, records) = ring(4000);
         let path = folder.path().join(format!("{i}.rec"));
         let file = RecordingFile::create(&path, false, &Header::default()).unwrap();
-        let scribe = Scribe::start(records, Some(file), 1000.0).unwrap();
+        let recorder_thread = RecorderThread::start(records, Some(file), 1000.0).unwrap();
         let fine = Settings { patch_elements: 200, ..settings(0.5) };
         (
             Session::start(of[i].clone(), Opened::new(Box::new(device)).unwrap(), haptics, recorder, fine)
                 .unwrap(),
-            scribe,
+            recorder_thread,
             path,
         )
     });
-    for ((session, scribe, path), other) in sessions.into_iter().zip([of[1].clone(), of[0].clone()]) {
+    for ((session, recorder_thread, path), other) in sessions.into_iter().zip([of[1].clone(), of[0].clone()])
+    {
         let report = session.join();
-        let finished = scribe.finish(&report.end.to_string());
+        let finished = recorder_thread.finish(&report.end.to_string());
         assert!(finished.written == report.periods && finished.trouble.is_none());
         let mut recording = Recording::open(&path).unwrap();
         let mut replay = Retrace::new(&*other, Contact::new(&body));

@@ -13,8 +13,8 @@ use palpate_device::simulated::{Move, Script};
 use palpate_device::{Capabilities, Command, Device, Fault, OpenError, Sample, Simulated, presets};
 use palpate_engine::{Ablation, Contact};
 use palpate_runtime::{
-    End, HapticLoop, Header, Opened, Patience, RealTime, RecordingFile, Safety, Scribe, Session, Settings,
-    WorkspaceMap, ring,
+    End, HapticLoop, Header, Opened, Patience, RealTime, RecorderThread, RecordingFile, Safety, Session,
+    Settings, WorkspaceMap, ring,
 };
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -105,14 +105,14 @@ fn the_haptic_thread_of_a_session_allocates_and_frees_nothing() {
         let device = Watching { device, until_s: 1.4, reads: 0, slip_at };
         let stages = Safety::default().stages(device.capabilities(), 1000.0).unwrap();
         let haptics = HapticLoop::new(
-            Contact::on(body.outline(), body.outline().slip(), Ablation::None),
+            Contact::on(body.model_header(), body.model_header().slip(), Ablation::None),
             WorkspaceMap::default(),
             stages,
         );
         let (recorder, records) = ring(4000);
         let path = folder.path().join(format!("{slip_at:?}.rec"));
         let file = RecordingFile::create(&path, false, &Header::default()).unwrap();
-        let scribe = Scribe::start(records, Some(file), 1000.0).unwrap();
+        let recorder_thread = RecorderThread::start(records, Some(file), 1000.0).unwrap();
         let settings = Settings {
             seconds: Some(1.5),
             patch_elements: 200,
@@ -122,7 +122,7 @@ fn the_haptic_thread_of_a_session_allocates_and_frees_nothing() {
         };
         let opened = Opened::new(Box::new(device)).unwrap();
         let report = Session::start(body.clone(), opened, haptics, recorder, settings).unwrap().join();
-        let finished = scribe.finish("");
+        let finished = recorder_thread.finish("");
         assert_eq!(report.end, End::Done);
         assert!(finished.trouble.is_none() && finished.summary.periods_in_contact > 300);
         // An allocation and its end.

@@ -9,7 +9,7 @@
 use crate::material::Moduli;
 use crate::model::Model;
 use crate::stiffness::Stiffness;
-use crate::tool::{Placement, Tool, outer};
+use crate::tool::{Placement, RigidTool, outer};
 use glam::{DMat3, DVec3};
 
 /// Penalty in contact moduli E/(1 − ν²) over the face's size.
@@ -62,7 +62,7 @@ pub(crate) struct Resultant {
 
 /// A placed tool against the whole surface of a model.
 pub(crate) struct ToolContact<'t> {
-    tool: &'t Tool,
+    tool: &'t RigidTool,
     pub placement: Placement,
     faces: Vec<Face>,
     rule: [(f64, [f64; 6]); POINTS],
@@ -95,7 +95,7 @@ struct Touch<'a> {
 }
 
 impl<'t> ToolContact<'t> {
-    pub fn new(model: &Model, tool: &'t Tool, placement: Placement) -> Self {
+    pub fn new(model: &Model, tool: &'t RigidTool, placement: Placement) -> Self {
         let boundary = model.boundary();
         let faces = boundary.faces.iter().zip(&boundary.elements).map(|(face, &element)| {
             let p = face.map(|n| model.mesh().positions[n as usize]);
@@ -217,13 +217,13 @@ impl<'t> ToolContact<'t> {
     }
 
     /// Nothing sticks any more.
-    pub fn release(&mut self) {
+    pub fn unstick(&mut self) {
         self.anchors.clear();
     }
 
     /// What touches now sticks where it touches; what sticks already stays; what has left is free again. Returns the
     /// force along the tool that was let go, N: if it is not small, the equilibrium is another.
-    pub fn catch(&mut self, model: &Model, u: &[f64]) -> f64 {
+    pub fn update_sticking(&mut self, model: &Model, u: &[f64]) -> f64 {
         let mut anchors = vec![[None; POINTS]; self.faces.len()];
         let mut let_go = 0.0;
         self.each_touch(model, u, |f, q, touch| {

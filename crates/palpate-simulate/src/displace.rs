@@ -44,7 +44,7 @@ impl Model {
         }
         let load = Load::Held(unknowns);
         for step in 1..=steps.max(1) {
-            solver.carry(&load, &moved);
+            solver.predict_displacement(&load, &moved);
             match solver.equilibrate(&load, cancelled) {
                 Ok(_) => {}
                 Err(Failure::Cancelled) => return None,

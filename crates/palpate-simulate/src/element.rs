@@ -104,7 +104,7 @@ fn deformation(point: &GaussPoint, u: &[f64; 30]) -> Tensor {
     f
 }
 
-/// Whether F turns volumes inside out, or is none.
+/// Whether F inverts volumes, or is none.
 #[inline(always)]
 fn folded(f: &Tensor) -> bool {
     let determinant = f[0] * (f[4] * f[8] - f[5] * f[7]) - f[1] * (f[3] * f[8] - f[5] * f[6])
@@ -131,7 +131,7 @@ impl Tissue {
         Tissue { pointwise_pa, mean_pa, positive, material }
     }
 
-    /// Stored energy, J; infinite where the element is turned inside out.
+    /// Stored energy, J; infinite where the element is inverted.
     pub fn energy(&self, points: &[GaussPoint; POINTS], u: &[f64; 30]) -> f64 {
         let (mut energy, mut volume, mut mean) = (0.0, 0.0, 0.0);
         for point in points {

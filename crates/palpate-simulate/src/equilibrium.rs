@@ -4,7 +4,7 @@
 //! serves: at first that of the body at rest, which all paths share; when the iterations that it wasted would have
 //! paid for a factorisation, that of the state at hand. A direction in which the energy curves downwards ends the
 //! iterations and is followed (Steihaug 1983; Nash 1984), so that a tangent that is indefinite, as at the edge of a
-//! bonded patch, needs no shift; and every step goes down in energy, so that an element is never turned inside out.
+//! bonded patch, needs no shift; and every step goes down in energy, so that an element is never inverted.
 
 use crate::factor::Factor;
 use crate::load::Load;
@@ -32,10 +32,10 @@ const FRESH: f64 = 4.0;
 const FIRST_FORCING: f64 = 1e-2;
 
 /// Iterations of one solve, whatever the factor.
-const MAX_CONJUGATE: u32 = 200;
+const MAX_CG_ITERATIONS: u32 = 200;
 
 /// Iterations of one equilibrium's solves together; beyond, the load step is cut.
-const MAX_CONJUGATE_TOGETHER: u32 = 1000;
+const MAX_CG_ITERATIONS_TOGETHER: u32 = 1000;
 
 /// Full steps in a row that need not lower the energy.
 const MAX_TRUSTED: u32 = 3;
@@ -54,7 +54,7 @@ pub(crate) enum Failure {
     Slow,
     /// No step along the direction lowers the energy.
     Stuck,
-    /// The guess itself turns an element inside out.
+    /// The guess itself inverts an element.
     Inverted,
 }
 
@@ -66,7 +66,7 @@ impl Failure {
                 "no equilibrium was found with the steps allowed: the body softens or buckles here"
             }
             Failure::Stuck => "no step lowers the energy any more: the surface folds or buckles here",
-            Failure::Inverted => "elements would be turned inside out, however small the load step",
+            Failure::Inverted => "elements would be inverted, however small the load step",
         }
     }
 }
@@ -95,7 +95,7 @@ pub struct Counts {
     /// Newton steps.
     pub newton: u32,
     /// Conjugate-gradient iterations.
-    pub conjugate: u32,
+    pub cg_iterations: u32,
     /// Numerical factorisations.
     pub factorisations: u32,
     /// Assemblies of the stiffness.
@@ -209,7 +209,7 @@ impl<'m> Solver<'m> {
         let mut p = z.clone();
         let mut rz = dot(&r, &z);
         let mut iterations = 0;
-        while iterations < MAX_CONJUGATE {
+        while iterations < MAX_CG_ITERATIONS {
             iterations += 1;
             self.stiffness.multiply(&self.model.pattern, &p, &mut kp);
             for (k, held) in kp.iter_mut().zip(&self.held) {
@@ -244,43 +244,43 @@ impl<'m> Solver<'m> {
                 *p = z + beta * *p;
             }
         }
-        self.counts.conjugate += iterations;
+        self.counts.cg_iterations += iterations;
         self.wasted += (f64::from(iterations) - FRESH).max(0.0);
         d
     }
 
     /// Moves the body along with a small move of its load, to first order.
-    pub fn follow(&mut self, load: &Load, move_by: DVec3) {
+    pub fn predict_motion(&mut self, load: &Load, move_by: DVec3) {
         match load {
             Load::Held(unknowns) => {
                 let mut moved = vec![0.0; self.u.len()];
                 for &unknown in unknowns {
                     moved[unknown] = move_by[unknown % 3];
                 }
-                self.carry(load, &moved);
+                self.predict_displacement(load, &moved);
             }
             Load::Tool(contact) => {
                 let mut forces = vec![0.0; self.u.len()];
                 self.assemble(load);
                 contact.pull(self.model, &self.u, move_by, &mut forces);
-                self.settle(&forces);
+                self.solve_predictor(&forces);
             }
         }
     }
 
     /// Moves held unknowns by `moved`, and the others along to first order.
-    pub fn carry(&mut self, load: &Load, moved: &[f64]) {
+    pub fn predict_displacement(&mut self, load: &Load, moved: &[f64]) {
         let mut forces = vec![0.0; self.u.len()];
         self.assemble(load);
         self.stiffness.multiply(&self.model.pattern, moved, &mut forces);
-        self.settle(&forces);
+        self.solve_predictor(&forces);
         for (u, moved) in self.u.iter_mut().zip(moved) {
             *u += moved;
         }
     }
 
     /// Adds −K⁻¹ `forces`, about.
-    fn settle(&mut self, forces: &[f64]) {
+    fn solve_predictor(&mut self, forces: &[f64]) {
         let tolerance = FIRST_FORCING * self.free_norm(forces);
         if tolerance > 0.0 {
             let d = self.direction(forces, tolerance);
@@ -298,7 +298,7 @@ impl<'m> Solver<'m> {
         }
         let mut last_norm = None;
         let mut watch = None;
-        let before = self.counts.conjugate;
+        let before = self.counts.cg_iterations;
         let share = if matches!(load, Load::Tool(_)) { TOOL_TOLERANCE } else { RESIDUAL_TOLERANCE };
         for iteration in 0..MAX_NEWTON {
             if cancelled.load(Ordering::Relaxed) {
@@ -310,7 +310,7 @@ impl<'m> Solver<'m> {
             if norm <= target {
                 return Ok(iteration);
             }
-            if self.counts.conjugate - before > MAX_CONJUGATE_TOGETHER {
+            if self.counts.cg_iterations - before > MAX_CG_ITERATIONS_TOGETHER {
                 return Err(Failure::Slow);
             }
             if self.wasted > self.model.symbolic.factor_in_solves {

@@ -1,6 +1,6 @@
 //! What force a soft body answers a tool with: large deformations of hyperelastic bodies by finite elements.
 //!
-//! A [`TetMesh`] and a [`Material`] for each of its regions make a [`Model`]; [`Model::simulate`] presses a [`Tool`]
+//! A [`TetMesh`] and a [`Material`] for each of its regions make a [`Model`]; [`Model::simulate`] presses a [`RigidTool`]
 //! in at one point of the surface, drags it, and gives the forces as [`PointPaths`]. Nothing here knows how curves
 //! are made from them, nor of the engine that plays them back.
 //!
@@ -31,4 +31,4 @@ pub use material::Material;
 pub use mesh::TetMesh;
 pub use model::{Fixed, Model};
 pub use path::{Contact, Drag, Path, PointPaths, PointPlan, State, Stop};
-pub use tool::Tool;
+pub use tool::RigidTool;

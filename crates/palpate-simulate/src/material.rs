@@ -455,7 +455,7 @@ impl Material {
     /// Names the first parameter, by its key in a spec, that is not finite or out of range.
     pub fn validate(&self) -> Result<()> {
         let invalid =
-            |key: &str, problem: String, mend: &str| Err(SimulateError::invalid(key, problem, mend));
+            |key: &str, problem: String, hint: &str| Err(SimulateError::invalid(key, problem, hint));
         for (key, value) in self.parameters() {
             if !value.is_finite() {
                 return invalid(&key, format!("expected a number, found {value}"), "give a finite number");
@@ -564,6 +564,6 @@ fn check_poisson_ratio(poisson_ratio: f64) -> Result<()> {
         return Ok(());
     }
     let problem = format!("expected 0 to {POISSON_RATIO_MAX}, found {poisson_ratio}");
-    let mend = "soft tissue has 0.45 to 0.499; what can't change its volume is well served by 0.495";
-    Err(SimulateError::invalid("poisson_ratio", problem, mend))
+    let hint = "soft tissue has 0.45 to 0.499; what can't change its volume is well served by 0.495";
+    Err(SimulateError::invalid("poisson_ratio", problem, hint))
 }

@@ -45,7 +45,7 @@ pub struct Boundary {
 
 impl TetMesh {
     /// Tetrahedra with straight edges, all of one region: nodes on edges are put at their middles, after the corners.
-    /// Tetrahedra that are turned inside out are turned back.
+    /// Tetrahedra that are inverted are turned back.
     pub fn from_corners(mut positions: Vec<DVec3>, tetrahedra: &[[u32; 4]]) -> Self {
         let mut middles: HashMap<[u32; 2], u32> = HashMap::new();
         let mut elements = Vec::with_capacity(tetrahedra.len());

@@ -69,7 +69,7 @@ impl Model {
     /// does not exist, or supports that do not hold the body.
     pub fn new(mesh: TetMesh, materials: Vec<Material>, fixed: &[Fixed]) -> Result<Self> {
         let invalid =
-            |place: String, problem: String, mend: &str| Err(SimulateError::invalid(place, problem, mend));
+            |place: String, problem: String, hint: &str| Err(SimulateError::invalid(place, problem, hint));
         if mesh.elements.is_empty() {
             return invalid("mesh".into(), "it has no tetrahedra".into(), "export a volume mesh");
         }
@@ -90,13 +90,13 @@ impl Model {
             }
         }
         if held_axes.iter().all(|axes| axes.iter().all(|held| *held)) {
-            let mend = "leave a part of it free: make [[body.fixed]] smaller";
-            return invalid("supports".into(), "they hold every node of the body".into(), mend);
+            let hint = "leave a part of it free: make [[body.fixed]] smaller";
+            return invalid("supports".into(), "they hold every node of the body".into(), hint);
         }
         if !holds(mesh.positions.iter().copied().zip(held_axes.iter().copied())) {
-            let mend = "hold it with [[body.fixed]] so that it can neither move nor turn as a whole: \
+            let hint = "hold it with [[body.fixed]] so that it can neither move nor turn as a whole: \
                         three points that are not on one line, or planes of symmetry and one more support";
-            return invalid("supports".into(), "they do not hold the body".into(), mend);
+            return invalid("supports".into(), "they do not hold the body".into(), hint);
         }
         // Free nodes first, in the order of elimination; what is held on all sides has no part in it.
         let free: Vec<bool> = held_axes.iter().map(|axes| axes.contains(&false)).collect();
@@ -118,7 +118,7 @@ impl Model {
             let Some(element) = gauss_points(nodes) else {
                 let place =
                     format!("element {e} near ({:.4}, {:.4}, {:.4}) m", nodes[0].x, nodes[0].y, nodes[0].z);
-                return invalid(place, "it is folded or flat".into(), "mend the mesh there, or mesh anew");
+                return invalid(place, "it is folded or flat".into(), "repair the mesh there, or mesh anew");
             };
             points.push(element);
         }
@@ -151,11 +151,11 @@ impl Model {
         let mut stiffness = Stiffness::default();
         model.assemble(&zero, &mut vec![0.0; zero.len()], &mut stiffness);
         let Ok(factor) = model.symbolic.factor(&model.pattern, &stiffness, &model.held) else {
-            let mend = "hold it with [[body.fixed]]: at three points at least that are not on one line";
+            let hint = "hold it with [[body.fixed]]: at three points at least that are not on one line";
             return invalid(
                 "supports".into(),
                 "they do not hold the body, or a part of it is free".into(),
-                mend,
+                hint,
             );
         };
         model.rest_stiffness = stiffness;
@@ -193,7 +193,7 @@ impl Model {
         local
     }
 
-    /// Stored energy of the displacements `u` (inner numbers), J; infinite if an element is turned inside out.
+    /// Stored energy of the displacements `u` (inner numbers), J; infinite if an element is inverted.
     pub(crate) fn energy(&self, u: &[f64]) -> f64 {
         let mut energy = 0.0;
         for (e, element) in self.elements.iter().enumerate() {

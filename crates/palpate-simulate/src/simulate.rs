@@ -6,7 +6,7 @@ use crate::load::Load;
 use crate::mesh::Boundary;
 use crate::model::{Fixed, Model};
 use crate::path::{Contact, Path, PointPaths, PointPlan, State, Stop};
-use crate::tool::{Placement, Tool};
+use crate::tool::{Placement, RigidTool};
 use glam::DVec3;
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::sync::atomic::AtomicBool;
@@ -17,7 +17,7 @@ const MAX_CUTS: u32 = 6;
 /// Newton steps and conjugate-gradient iterations for one state: beyond, a load step that fails is the last. Where a law
 /// collapses every step fails, and slowly; states that are found at all took a third of this at most.
 const MAX_NEWTON: u32 = 300;
-const MAX_CONJUGATE: u32 = 3000;
+const MAX_CG_ITERATIONS: u32 = 3000;
 
 /// Of the tool's force: less than that, let go by points that have left the tool, changes nothing worth a solve.
 const LET_GO: f64 = 5e-3;
@@ -31,7 +31,7 @@ impl Model {
     /// The result depends on the model, tool and plan alone, not on what runs beside.
     pub fn simulate(
         &self,
-        tool: &Tool,
+        tool: &RigidTool,
         contact: Contact,
         plan: &PointPlan,
         cancelled: &AtomicBool,
@@ -42,7 +42,7 @@ impl Model {
     /// [`Model::simulate`], with what the solves took.
     pub fn simulate_counted(
         &self,
-        tool: &Tool,
+        tool: &RigidTool,
         contact: Contact,
         plan: &PointPlan,
         cancelled: &AtomicBool,
@@ -52,7 +52,7 @@ impl Model {
         let walker = match contact {
             Contact::Frictionless => {
                 let solver = Solver::new(self, self.held.clone());
-                Walker::new(solver, Load::Tool(Box::new(ToolContact::new(self, tool, start))), start.tip)
+                LoadStepper::new(solver, Load::Tool(Box::new(ToolContact::new(self, tool, start))), start.tip)
             }
             Contact::Bonded { patch_radius_m } => {
                 let patch = self.patch(surface, patch_radius_m);
@@ -87,9 +87,9 @@ impl Model {
         Some((path, walker.solver.counts))
     }
 
-    fn bonded(&self, nodes: impl Iterator<Item = Fixed>, tip: DVec3) -> Walker<'_, '_> {
+    fn bonded(&self, nodes: impl Iterator<Item = Fixed>, tip: DVec3) -> LoadStepper<'_, '_> {
         let (solver, unknowns) = self.holding(nodes);
-        Walker::new(solver, Load::Held(unknowns), tip)
+        LoadStepper::new(solver, Load::Held(unknowns), tip)
     }
 
     /// Where the line along `inward` through the planned point enters the mesh: nearest to the point, or the point
@@ -186,7 +186,7 @@ struct Target {
 }
 
 /// A load on its way.
-struct Walker<'m, 't> {
+struct LoadStepper<'m, 't> {
     solver: Solver<'m>,
     load: Load<'t>,
     start: DVec3,
@@ -203,10 +203,10 @@ struct Snapshot {
     offset: DVec3,
 }
 
-impl<'m, 't> Walker<'m, 't> {
+impl<'m, 't> LoadStepper<'m, 't> {
     fn new(solver: Solver<'m>, load: Load<'t>, start: DVec3) -> Self {
         let mut walker =
-            Walker { solver, load, start, offset: DVec3::ZERO, trail: VecDeque::new(), travelled: 0.0 };
+            LoadStepper { solver, load, start, offset: DVec3::ZERO, trail: VecDeque::new(), travelled: 0.0 };
         walker.remember();
         walker
     }
@@ -234,7 +234,7 @@ impl<'m, 't> Walker<'m, 't> {
                 continue;
             };
             self.restore(snapshot);
-            self.hold();
+            self.restick();
             for &distance in &drag.distances {
                 let offset = snapshot.offset + drag.direction * distance;
                 let target = Target { offset, depth_m: plan.depths[drag.from], distance_m: distance };
@@ -262,10 +262,10 @@ impl<'m, 't> Walker<'m, 't> {
     }
 
     /// From now on what touches sticks.
-    fn hold(&mut self) {
+    fn restick(&mut self) {
         if let Load::Tool(contact) = &mut self.load {
-            contact.release();
-            contact.catch(self.solver.model, &self.solver.u);
+            contact.unstick();
+            contact.update_sticking(self.solver.model, &self.solver.u);
         }
     }
 
@@ -296,7 +296,7 @@ impl<'m, 't> Walker<'m, 't> {
                     cuts += 1;
                     let spent = self.solver.counts;
                     let tired = spent.newton - before.newton > MAX_NEWTON
-                        || spent.conjugate - before.conjugate > MAX_CONJUGATE;
+                        || spent.cg_iterations - before.cg_iterations > MAX_CG_ITERATIONS;
                     if tired || cuts > 2 * MAX_CUTS || step < 1.5 / f64::from(1u32 << MAX_CUTS) {
                         return Err(failure);
                     }
@@ -323,7 +323,7 @@ impl<'m, 't> Walker<'m, 't> {
             // The extrapolation may have led astray: once more from the last equilibrium.
             self.solver.u.copy_from_slice(&old_u);
             self.place(old_offset);
-            self.solver.follow(&self.load, move_by);
+            self.solver.predict_motion(&self.load, move_by);
             self.place(offset);
             result = self.solver.equilibrate(&self.load, cancelled);
         }
@@ -332,7 +332,7 @@ impl<'m, 't> Walker<'m, 't> {
                 let Load::Tool(contact) = &mut self.load else { break };
                 let model = self.solver.model;
                 let force = contact.resultant(model, &self.solver.u).force_n.length();
-                if contact.catch(model, &self.solver.u) <= LET_GO * force {
+                if contact.update_sticking(model, &self.solver.u) <= LET_GO * force {
                     break;
                 }
                 result = self.solver.equilibrate(&self.load, cancelled);
@@ -362,7 +362,7 @@ impl<'m, 't> Walker<'m, 't> {
     /// A first guess: the polynomial through the last equilibria, continued.
     fn predict(&mut self, travelled: f64, move_by: DVec3) {
         if self.trail.len() < 2 {
-            self.solver.follow(&self.load, move_by);
+            self.solver.predict_motion(&self.load, move_by);
             return;
         }
         let weights = lagrange(self.trail.iter().map(|(t, _)| *t), travelled);
@@ -381,7 +381,7 @@ impl<'m, 't> Walker<'m, 't> {
         }
         if !self.solver.model.energy(&self.solver.u).is_finite() {
             self.solver.u.copy_from_slice(&self.trail[0].1);
-            self.solver.follow(&self.load, move_by);
+            self.solver.predict_motion(&self.load, move_by);
         }
     }
 

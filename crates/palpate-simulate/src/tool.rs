@@ -14,7 +14,7 @@ pub const EDGE_PER_RADIUS: f64 = 0.02;
 
 /// The shape of a rigid tool, whose lengths are all positive.
 #[derive(Debug, Clone)]
-pub enum Tool {
+pub enum RigidTool {
     /// A ball.
     Sphere {
         /// m.
@@ -60,15 +60,15 @@ pub struct Distance {
     pub value: f64,
     /// Unit vector, out of the tool.
     pub gradient: DVec3,
-    /// 1/m; it has the curvatures of the offset surface through the point. Zero under [`Tool::Other`], whose surface is
+    /// 1/m; it has the curvatures of the offset surface through the point. Zero under [`RigidTool::Other`], whose surface is
     /// taken as locally flat.
     pub hessian: DMat3,
 }
 
-impl Tool {
+impl RigidTool {
     /// A flat punch with the usual rounding, [`EDGE_PER_RADIUS`].
     pub fn flat_punch(radius_m: f64) -> Self {
-        Tool::FlatPunch { radius_m, edge_m: EDGE_PER_RADIUS * radius_m }
+        RigidTool::FlatPunch { radius_m, edge_m: EDGE_PER_RADIUS * radius_m }
     }
 
     /// Exact distance of a point in the tool's frame, inside and outside.
@@ -78,8 +78,8 @@ impl Tool {
     /// the possible ones.
     pub fn distance(&self, point: DVec3) -> Distance {
         match *self {
-            Tool::Sphere { radius_m } => from_point(point - radius_m * DVec3::NEG_Z, radius_m),
-            Tool::Capsule { radius_m, length_m } => {
+            RigidTool::Sphere { radius_m } => from_point(point - radius_m * DVec3::NEG_Z, radius_m),
+            RigidTool::Capsule { radius_m, length_m } => {
                 let along = (-point.z - radius_m).clamp(0.0, length_m);
                 let core = (radius_m + along) * DVec3::NEG_Z;
                 if along > 0.0 && along < length_m {
@@ -88,7 +88,7 @@ impl Tool {
                     from_point(point - core, radius_m)
                 }
             }
-            Tool::Cone { half_angle_rad, tip_radius_m } => {
+            RigidTool::Cone { half_angle_rad, tip_radius_m } => {
                 // The ball rolls in a sharp cone whose apex is the ball's middle.
                 let (sin, cos) = (libm::sin(half_angle_rad), libm::cos(half_angle_rad));
                 let (radius, from_apex) = (radius(point), point - tip_radius_m * DVec3::NEG_Z);
@@ -99,7 +99,7 @@ impl Tool {
                     from_point(from_apex, tip_radius_m)
                 }
             }
-            Tool::FlatPunch { radius_m, edge_m } => {
+            RigidTool::FlatPunch { radius_m, edge_m } => {
                 // A sharp punch, smaller by the edge's radius, grown by it.
                 let (outwards, upwards) = (radius(point) - (radius_m - edge_m), point.z + edge_m);
                 if outwards > 0.0 && upwards > 0.0 {
@@ -112,7 +112,7 @@ impl Tool {
                     Distance { value: point.z, gradient: DVec3::Z, hessian: DMat3::ZERO }
                 }
             }
-            Tool::Other(ref shape) => {
+            RigidTool::Other(ref shape) => {
                 let (value, gradient) = shape.distance(point);
                 Distance { value, gradient, hessian: DMat3::ZERO }
             }
@@ -132,12 +132,12 @@ impl Tool {
             Err(SimulateError::invalid(key, problem, "give a positive length"))
         };
         match *self {
-            Tool::Sphere { radius_m } => positive("radius", radius_m),
-            Tool::Capsule { radius_m, length_m } => {
+            RigidTool::Sphere { radius_m } => positive("radius", radius_m),
+            RigidTool::Capsule { radius_m, length_m } => {
                 positive("radius", radius_m)?;
                 positive("length", length_m)
             }
-            Tool::Cone { half_angle_rad, tip_radius_m } => {
+            RigidTool::Cone { half_angle_rad, tip_radius_m } => {
                 if !(half_angle_rad > 0.0 && half_angle_rad < std::f64::consts::FRAC_PI_2) {
                     let problem = format!("expected 0 to 90°, found {}°", half_angle_rad.to_degrees());
                     return Err(SimulateError::invalid(
@@ -148,7 +148,7 @@ impl Tool {
                 }
                 positive("tip_radius", tip_radius_m)
             }
-            Tool::FlatPunch { radius_m, edge_m } => {
+            RigidTool::FlatPunch { radius_m, edge_m } => {
                 positive("radius", radius_m)?;
                 positive("edge", edge_m)?;
                 if edge_m > radius_m {
@@ -158,7 +158,7 @@ impl Tool {
                 }
                 Ok(())
             }
-            Tool::Other(_) => Ok(()),
+            RigidTool::Other(_) => Ok(()),
         }
     }
 }
@@ -223,7 +223,7 @@ impl Placement {
     }
 
     /// Distance of a point of the body's frame from the tool, gradient and Hessian in that frame too.
-    pub fn distance_at(&self, tool: &Tool, point: DVec3) -> Distance {
+    pub fn distance_at(&self, tool: &RigidTool, point: DVec3) -> Distance {
         let turn = self.rotation;
         let back = turn.transpose();
         let Distance { value, gradient, hessian } = tool.distance(back * (point - self.tip));

@@ -6,7 +6,7 @@ use glam::DVec3;
 use palpate_body::shape::Shape;
 use palpate_simulate::mesh::shape::fill;
 use palpate_simulate::mesh::stuffing::{Ball, FillOptions};
-use palpate_simulate::{Contact, Fixed, Material, Model, PointPlan, TetMesh, Tool};
+use palpate_simulate::{Contact, Fixed, Material, Model, PointPlan, RigidTool, TetMesh};
 use std::f64::consts::FRAC_PI_2;
 use std::sync::atomic::AtomicBool;
 use support::{hold, moved};
@@ -33,7 +33,7 @@ fn sphere(radius_m: f64, contact_m: f64, edge_m: f64, poisson: f64, depths: &[f6
     let nodes = mesh.positions.len();
     let model = Model::new(mesh, vec![Material::linear(YOUNG_PA, poisson).unwrap()], &fixed).unwrap();
     let plan = PointPlan { point: corner, inward: DVec3::NEG_Z, depths: depths.to_vec(), drags: vec![] };
-    let tool = Tool::Sphere { radius_m };
+    let tool = RigidTool::Sphere { radius_m };
     let (paths, counts) =
         model.simulate_counted(&tool, Contact::Frictionless, &plan, &AtomicBool::new(false)).unwrap();
     assert_eq!(paths.press.stopped, None);
@@ -208,7 +208,7 @@ fn hayes_by_tool(per_height: f64, poisson: f64, finest: f64, [radius, edge]: [f6
     let nodes = mesh.positions.len();
     let start = std::time::Instant::now();
     let model = Model::new(mesh, vec![Material::linear(YOUNG_PA, poisson).unwrap()], &fixed).unwrap();
-    let tool = Tool::FlatPunch { radius_m: radius * unit, edge_m: edge * unit };
+    let tool = RigidTool::FlatPunch { radius_m: radius * unit, edge_m: edge * unit };
     let plan = PointPlan {
         point: DVec3::ZERO,
         inward: DVec3::NEG_Z,

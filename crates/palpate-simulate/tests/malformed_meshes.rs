@@ -1,4 +1,4 @@
-//! Malformed mesh files: each is refused with one line that names the place, the problem and the mend.
+//! Malformed mesh files: each is refused with one line that names the place, the problem and the hint.
 
 use palpate_body::import::LengthUnit;
 use palpate_simulate::mesh::import::{read, read_bytes, read_tetgen};
@@ -18,7 +18,7 @@ fn swap(bytes: &[u8], n: usize, from: &[u8], to: &[u8]) -> Vec<u8> {
 /// What is said of it must hold all words; gives what is amiss.
 fn amiss(file: &str, result: Result<(), String>, words: &[&str]) -> Option<String> {
     let Err(message) = result else { return Some(format!("{file} was read, not refused with {words:?}")) };
-    // Place, problem and mend, on one line.
+    // Place, problem and hint, on one line.
     let shape =
         !message.contains('\n') && message.len() < 500 && message.contains(": ") && message.contains("; ");
     let absent: Vec<_> = words.iter().filter(|w| !message.contains(**w)).collect();
@@ -66,21 +66,21 @@ fn gmsh_2_text() {
             (0, b"2.2 0 8", b"3.0 0 8", &["line 2: MSH version 3 is not read", "-format msh41"]),
             (0, b"2.2 0 8", b"2.2 7 8", &["line 2: kind 7 and size 8", "export"]),
             (0, b"2.2 0 8", b"2.2 0 8\n9", &["line 3: `9` where `$EndMeshFormat` is expected", "export"]),
-            (0, b"2.2 0 8", b"abc 0 8", &["line 2: `abc` is not a number", "mend it"]),
+            (0, b"2.2 0 8", b"abc 0 8", &["line 2: `abc` is not a number", "correct it"]),
             (
                 0,
                 b"3 7 \"soft\"",
                 b"3 7 soft",
-                &["line 7: `3 7 soft` is no dimension, number, and name in quotes", "mend the line"],
+                &["line 7: `3 7 soft` is no dimension, number, and name in quotes", "correct the line"],
             ),
-            (0, b"3 7 \"soft\"", b"3 \"soft\"", &["line 7", "name in quotes", "mend the line"]),
+            (0, b"3 7 \"soft\"", b"3 \"soft\"", &["line 7", "name in quotes", "correct the line"]),
             (
                 0,
                 b"3 7 \"soft\"",
                 b"3 7 \"so\xff\"",
                 &["line 7: the name `so\\xff` is no plain text in UTF-8", "rename the group"],
             ),
-            (0, b"$PhysicalNames\n3", b"$PhysicalNames\n4", &["line 9", "name in quotes", "mend"]),
+            (0, b"$PhysicalNames\n3", b"$PhysicalNames\n4", &["line 9", "name in quotes", "correct"]),
             (
                 0,
                 b"$Nodes\n12\n",
@@ -108,11 +108,16 @@ fn gmsh_2_text() {
                 b"$Nodes\n\n",
                 &["line 12", "4 numbers where the number of nodes", "export"],
             ),
-            (0, b"\n3 2 0 0", b"\n3 2 0", &["line 14: 3 numbers, but 4 are expected", "mend the line"]),
-            (0, b"\n3 2 0 0", b"\n3 2 0 0 0", &["line 14: 5 numbers, but 4 are expected", "mend the line"]),
-            (0, b"\n3 2 0 0", b"\n3 2 o 0", &["line 14: `o` is not a number", "mend it"]),
-            (0, b"\n3 2 0 0", b"\n3 nan 0 0", &["line 14: a coordinate is NaN", "mend the coordinate"]),
-            (0, b"\n3 2 0 0", b"\n3 inf 0 0", &["line 14: a coordinate is inf", "mend the coordinate"]),
+            (0, b"\n3 2 0 0", b"\n3 2 0", &["line 14: 3 numbers, but 4 are expected", "correct the line"]),
+            (
+                0,
+                b"\n3 2 0 0",
+                b"\n3 2 0 0 0",
+                &["line 14: 5 numbers, but 4 are expected", "correct the line"],
+            ),
+            (0, b"\n3 2 0 0", b"\n3 2 o 0", &["line 14: `o` is not a number", "correct it"]),
+            (0, b"\n3 2 0 0", b"\n3 nan 0 0", &["line 14: a coordinate is NaN", "correct the coordinate"]),
+            (0, b"\n3 2 0 0", b"\n3 inf 0 0", &["line 14: a coordinate is inf", "correct the coordinate"]),
             (0, b"\n3 2 0 0", b"\n2 2 0 0", &["line 14: node 2 is there twice", "remove one of the two"]),
             (0, b"\n3 2 0 0", b"\n-3 2 0 0", &["line 14: -3 is no node number", "export"]),
             (0, b"\n3 2 0 0", b"\n3.5 2 0 0", &["line 14: 3.5 is no node number", "export"]),
@@ -122,7 +127,7 @@ fn gmsh_2_text() {
                 b"\n3 2e9 0 0",
                 &["node 2 (from 0): a coordinate is 2000000 m", "check the mesh's unit"],
             ),
-            (0, b"\n3 2 0 0", b"\n30 2 0 0", &["there is no node 3", "mend the node"]),
+            (0, b"\n3 2 0 0", b"\n30 2 0 0", &["there is no node 3", "correct the node"]),
             (
                 0,
                 b"$Elements\n14\n",
@@ -134,15 +139,15 @@ fn gmsh_2_text() {
                 0,
                 b"\n3 4 2 7 1",
                 b"\n3 5 2 7 1",
-                &["line 29: 9 numbers, but 13 are expected", "mend the line"],
+                &["line 29: 9 numbers, but 13 are expected", "correct the line"],
             ),
             (
                 0,
                 b"\n3 4 2 7 1",
                 b"\n3 4 9 7 1",
-                &["line 29", "an element with its tags and nodes", "mend the line"],
+                &["line 29", "an element with its tags and nodes", "correct the line"],
             ),
-            (0, b"\n3 4 2 7 1", b"\n3 4 -2 7 1", &["line 29: 9 numbers", "mend the line"]),
+            (0, b"\n3 4 2 7 1", b"\n3 4 -2 7 1", &["line 29: 9 numbers", "correct the line"]),
             (
                 0,
                 b"\n3 4 2 7 1",
@@ -150,15 +155,20 @@ fn gmsh_2_text() {
                 &["line 29: element type 77 is not read", "tetrahedra of order 1 or 2"],
             ),
             (0, b"\n3 4 2 7 1", b"\n3 4.5 2 7 1", &["line 29: element type 4.5 is not read", "tetrahedra"]),
-            (0, b"\n3 4 2 7 1", b"\n3 4", &["line 29: 6 numbers", "mend the line"]),
+            (0, b"\n3 4 2 7 1", b"\n3 4", &["line 29: 6 numbers", "correct the line"]),
             (
                 0,
                 b"\n3 4 2 7 1 ",
                 b"\n3 4 2 7 1 99 ",
-                &["line 29: 10 numbers, but 9 are expected", "mend the line"],
+                &["line 29: 10 numbers, but 9 are expected", "correct the line"],
             ),
-            (0, b"\n3 4 2 7 1 1 ", b"\n3 4 2 7 1 99 ", &["line 29: there is no node 99", "mend the node"]),
-            (0, b"\n3 4 2 7 1 1 ", b"\n3 4 2 7 1 1.5 ", &["line 29: there is no node 1.5", "mend the node"]),
+            (0, b"\n3 4 2 7 1 1 ", b"\n3 4 2 7 1 99 ", &["line 29: there is no node 99", "correct the node"]),
+            (
+                0,
+                b"\n3 4 2 7 1 1 ",
+                b"\n3 4 2 7 1 1.5 ",
+                &["line 29: there is no node 1.5", "correct the node"],
+            ),
             (
                 0,
                 b"\n3 4 2 7 1 1 4",
@@ -207,7 +217,7 @@ fn gmsh_4_text() {
         "two-4.1-ascii.msh",
         &[
             (0, b"4.1 0 8", b"4.0 0 8", &["line 2: MSH version 4 is not read", "-format msh41"]),
-            (0, b"0 0 1 2\n", b"0 0 1 3\n", &["`$EndEntities` is not a number", "mend it"]),
+            (0, b"0 0 1 2\n", b"0 0 1 3\n", &["`$EndEntities` is not a number", "correct it"]),
             (0, b"0 0 1 2\n", b"0 0 1 -2\n", &["line 11: -2 is no number of entities", "export"]),
             (0, b"1 1 1 7 0 \n1", b"1 1 1.5 7 0 \n1", &["1.5 is no number of physical groups", "export"]),
             (
@@ -241,15 +251,15 @@ fn gmsh_4_text() {
                 0,
                 b"$Nodes\n3 12 5",
                 b"$Nodes\n3 12",
-                &["line 17: 3 numbers, but 4 are expected: the nodes' heading", "mend"],
+                &["line 17: 3 numbers, but 4 are expected: the nodes' heading", "correct"],
             ),
             (0, b"\n2 1 0 6\n", b"\n7 1 0 6\n", &["line 18: dimension 7", "export"]),
-            (0, b"\n2 1 0 6\n", b"\n2 1 0 7\n", &["line", "expected", "mend"]),
+            (0, b"\n2 1 0 6\n", b"\n2 1 0 7\n", &["line", "expected", "correct"]),
             (
                 0,
                 b"\n2 1 0 6\n",
                 b"\n2 1 1 6\n",
-                &["line 25: 3 numbers, but 5 are expected: a node's coordinates", "mend"],
+                &["line 25: 3 numbers, but 5 are expected: a node's coordinates", "correct"],
             ),
             (
                 0,
@@ -283,7 +293,7 @@ fn gmsh_4_text() {
     for (to, words) in [
         ("3 1 2 2", &["dimension 3 doesn't go with what the block holds", "export"][..]),
         ("2 1 29 2", &["dimension 2 doesn't go", "export"]),
-        ("2 1 2 3", &["there is no node 1", "mend the node"]),
+        ("2 1 2 3", &["there is no node 1", "correct the node"]),
         ("2 1 2 1", &["element type 65 is not read", "tetrahedra of order"]),
     ] {
         let start = good[elements..].find(block).unwrap() + elements;
@@ -349,7 +359,12 @@ fn legacy_vtk() {
                 b"POINTS 12 triple",
                 &["line 5: `triple` is not a number format", "save"],
             ),
-            (0, b"POINTS 12 double", b"POINTS 13 double", &["line 11: `CELLS` is not a number", "mend it"]),
+            (
+                0,
+                b"POINTS 12 double",
+                b"POINTS 13 double",
+                &["line 11: `CELLS` is not a number", "correct it"],
+            ),
             (0, b"POINTS 12 double", b"POINTS 11 double", &["is not a part of", "save"]),
             (
                 0,
@@ -361,7 +376,7 @@ fn legacy_vtk() {
                 0,
                 b"\n0 0 0 1",
                 b"\n0 0 nan 1",
-                &["line 5: a coordinate of vertex 0 is NaN", "mend the coordinate"],
+                &["line 5: a coordinate of vertex 0 is NaN", "correct the coordinate"],
             ),
             (
                 0,
@@ -373,9 +388,9 @@ fn legacy_vtk() {
                 0,
                 b"\n4 0 3 10 4",
                 b"\n4 0 3 99 4",
-                &["cell 2: it names vertex 99, but there are 12", "mend the index"],
+                &["cell 2: it names vertex 99, but there are 12", "correct the index"],
             ),
-            (0, b"\n4 0 3 10 4", b"\n4 0 3 -1 4", &["cell 2: it names vertex -1", "mend the index"]),
+            (0, b"\n4 0 3 10 4", b"\n4 0 3 -1 4", &["cell 2: it names vertex -1", "correct the index"]),
             (
                 0,
                 b"\n4 0 3 10 4",
@@ -412,9 +427,14 @@ fn legacy_vtk() {
                 0,
                 b"7 7 7 7 7 7 7 7 9",
                 b"7 7 7 nan 7 7 7 7 9",
-                &["cell 3: its `region` is NaN", "mend the array"],
+                &["cell 3: its `region` is NaN", "correct the array"],
             ),
-            (0, b"7 7 7 7 7 7 7 7 9", b"7 7 7 nan 7 7 7 9", &["line 48: `FIELD` is not a number", "mend it"]),
+            (
+                0,
+                b"7 7 7 7 7 7 7 7 9",
+                b"7 7 7 nan 7 7 7 9",
+                &["line 48: `FIELD` is not a number", "correct it"],
+            ),
             (0, b"CELL_DATA 14", b"CELL_DATA 13", &["line", ";"]),
             (
                 0,
@@ -467,7 +487,7 @@ fn vtu() {
                 b"7 7",
                 &["piece 0, CellData: `region` has 13 numbers for 14 cells", "save it again"],
             ),
-            (0, b"7 7 7", b"7 x 7", &["line 7: `x` is not a number", "mend it"]),
+            (0, b"7 7 7", b"7 x 7", &["line 7: `x` is not a number", "correct it"]),
         ],
     );
     assert_eq!(count, 8);
@@ -493,15 +513,15 @@ fn tetgen() {
     let in_nodes: Changes = &[
         (0, b"12  3  1  1", b"12  2  1  1", &["line 1: nodes of dimension 2", "not of Triangle's"]),
         (0, b"12  3  1  1", b"13  3  1  1", &["the file ends before a node", "cut short"]),
-        (0, b"12  3  1  1", b"-2  3  1  1", &["line 1: -2 nodes are announced", "mend the heading"]),
+        (0, b"12  3  1  1", b"-2  3  1  1", &["line 1: -2 nodes are announced", "correct the heading"]),
         (
             0,
             b"12  3  1  1",
             b"1e15  3  1  1",
-            &["line 1: 1e15 nodes are announced, which the file can't hold", "mend"],
+            &["line 1: 1e15 nodes are announced, which the file can't hold", "correct"],
         ),
-        (0, b"12  3  1  1", b"12  3  2  1", &["line 2: 6 numbers, but a node has 7", "mend the line"]),
-        (0, b"12  3  1  1", b"x  3  1  1", &["line 1: `x` is not a number", "mend it"]),
+        (0, b"12  3  1  1", b"12  3  2  1", &["line 2: 6 numbers, but a node has 7", "correct the line"]),
+        (0, b"12  3  1  1", b"x  3  1  1", &["line 1: `x` is not a number", "correct it"]),
         (
             0,
             b"   0    0  0  0",
@@ -518,13 +538,13 @@ fn tetgen() {
             0,
             b"   2    2  0  0",
             b"   2    inf  0  0",
-            &["line 4: a coordinate is inf", "mend the coordinate"],
+            &["line 4: a coordinate is inf", "correct the coordinate"],
         ),
         (
             0,
             b"   2    2  0  0",
             b"   2    2  0  # 0",
-            &["line 4: 3 numbers, but a node has 6", "mend the line"],
+            &["line 4: 3 numbers, but a node has 6", "correct the line"],
         ),
     ];
     for (n, from, to, words) in in_nodes {
@@ -532,7 +552,7 @@ fn tetgen() {
     }
     let in_elements: Changes = &[
         (0, b"12  4  1", b"12  5  1", &["line 1: elements of 5 nodes, but 4 or 10 are read", "-o2"]),
-        (0, b"12  4  1", b"12  10  1", &["line 2: 6 numbers, but an element has 12", "mend the line"]),
+        (0, b"12  4  1", b"12  10  1", &["line 2: 6 numbers, but an element has 12", "correct the line"]),
         (0, b"12  4  1", b"20  4  1", &["the file ends before an element", "cut short"]),
         (0, b"12  4  1", b"0  4  1", &["there is no tetrahedron in it", "mesh the volume"]),
         (
@@ -549,7 +569,7 @@ fn tetgen() {
             b"10    10    7",
             &["line 2: a tetrahedron has one node twice", "remove the element"],
         ),
-        (0, b"10     4    7", b"10     4    nan", &["line 2: the region is NaN", "mend it"]),
+        (0, b"10     4    7", b"10     4    nan", &["line 2: the region is NaN", "correct it"]),
         (
             0,
             b"    2 ",
@@ -564,9 +584,9 @@ fn tetgen() {
 
 #[test]
 fn files_are_named() {
-    let desk = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let put = |name: &str, bytes: &[u8]| {
-        let path = desk.path().join(name);
+        let path = directory.path().join(name);
         std::fs::write(&path, bytes).unwrap();
         move || read(&path, LengthUnit::Millimetre).map(drop).map_err(|e| e.to_string())
     };
@@ -588,7 +608,7 @@ fn files_are_named() {
         &["lonely.ele: file: there is no ", "lonely.node beside it"],
     );
     put("pair.node", b"1 3\n1 0 0 x\n")().unwrap_err();
-    says("pair", put("pair.ele", b"0 4\n")(), &["pair.node: line 2: `x` is not a number", "mend it"]);
+    says("pair", put("pair.ele", b"0 4\n")(), &["pair.node: line 2: `x` is not a number", "correct it"]);
     put("two.node", &std::fs::read(fixture("two.node")).unwrap())().unwrap_err();
     says(
         "pair",
@@ -597,7 +617,7 @@ fn files_are_named() {
     );
     says(
         "none",
-        read(&desk.path().join("none.msh"), LengthUnit::Metre).map(drop).map_err(|e| e.to_string()),
+        read(&directory.path().join("none.msh"), LengthUnit::Metre).map(drop).map_err(|e| e.to_string()),
         &["none.msh", "check that the path exists"],
     );
 }

@@ -99,7 +99,7 @@ fn bad_elements_are_named() {
     refused(&flat, &["element 5 (from 0) at (", "flat: it has no volume", "gmsh -optimize"]);
     let mut inside_out = bar(1, 0.0);
     inside_out.elements[3].swap(2, 3);
-    refused(&inside_out, &["element 3 (from 0) at (", "it is turned inside out"]);
+    refused(&inside_out, &["element 3 (from 0) at (", "it is inverted"]);
 }
 
 #[test]

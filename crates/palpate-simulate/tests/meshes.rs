@@ -208,7 +208,7 @@ fn a_file_without_groups_is_one_region() {
 }
 
 #[test]
-fn what_cannot_be_read_is_refused_with_its_mend() {
+fn what_cannot_be_read_is_refused_with_its_hint() {
     for (name, words) in [
         ("hexahedra.msh", ["a solid of 8 corners is no tetrahedron", "mesh with tetrahedra alone"]),
         ("partitioned.msh", ["line 16: the mesh is partitioned", "-format msh22"]),

@@ -58,7 +58,7 @@ impl Cylinder {
         }
         for e in 0..self.mesh.elements.len() {
             let [a, b, c, d, ab, bc, ca, ad, bd, cd] = self.mesh.elements[e].map(|n| twin[&n]);
-            // The mirror turns it inside out; c and d change places, and their edges with them.
+            // The mirror inverts it; c and d change places, and their edges with them.
             self.mesh.elements.push([a, b, d, c, ab, bd, ad, ca, bc, cd]);
             self.mesh.regions.push(0);
         }

@@ -1,20 +1,20 @@
 //! Distances from tools: known points, brute force, differences, and what any distance must satisfy.
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
-use palpate_simulate::tool::{Distance, Placement, Shape, Tool};
+use palpate_simulate::tool::{Distance, Placement, RigidTool, Shape};
 use std::{f64::consts::PI, sync::Arc};
 
 const RADIUS: f64 = 0.01;
 
-fn tools() -> Vec<Tool> {
+fn tools() -> Vec<RigidTool> {
     vec![
-        Tool::Sphere { radius_m: RADIUS },
-        Tool::flat_punch(RADIUS),
-        Tool::FlatPunch { radius_m: RADIUS, edge_m: 0.004 },
-        Tool::FlatPunch { radius_m: RADIUS, edge_m: RADIUS },
-        Tool::Cone { half_angle_rad: 0.5, tip_radius_m: 0.002 },
-        Tool::Cone { half_angle_rad: 1.2, tip_radius_m: 0.001 },
-        Tool::Capsule { radius_m: 0.006, length_m: 0.01 },
+        RigidTool::Sphere { radius_m: RADIUS },
+        RigidTool::flat_punch(RADIUS),
+        RigidTool::FlatPunch { radius_m: RADIUS, edge_m: 0.004 },
+        RigidTool::FlatPunch { radius_m: RADIUS, edge_m: RADIUS },
+        RigidTool::Cone { half_angle_rad: 0.5, tip_radius_m: 0.002 },
+        RigidTool::Cone { half_angle_rad: 1.2, tip_radius_m: 0.001 },
+        RigidTool::Capsule { radius_m: 0.006, length_m: 0.01 },
     ]
 }
 
@@ -29,7 +29,7 @@ fn points(count: usize) -> Vec<DVec3> {
 }
 
 /// Points of the tool's outline (distance from the axis, height), as the documentation draws it.
-fn outline(tool: &Tool) -> Vec<[f64; 2]> {
+fn outline(tool: &RigidTool) -> Vec<[f64; 2]> {
     let mut all = Vec::new();
     let count = 20_000;
     let mut arc = |middle: [f64; 2], radius: f64, from: f64, to: f64| {
@@ -47,25 +47,25 @@ fn outline(tool: &Tool) -> Vec<[f64; 2]> {
         }
     };
     match *tool {
-        Tool::Sphere { radius_m } => arc([0.0, -radius_m], radius_m, 0.0, PI),
-        Tool::Capsule { radius_m, length_m } => {
+        RigidTool::Sphere { radius_m } => arc([0.0, -radius_m], radius_m, 0.0, PI),
+        RigidTool::Capsule { radius_m, length_m } => {
             arc([0.0, -radius_m], radius_m, 0.0, PI / 2.0);
             straight([radius_m, -radius_m], [radius_m, -radius_m - length_m]);
             arc([0.0, -radius_m - length_m], radius_m, PI / 2.0, PI);
         }
-        Tool::FlatPunch { radius_m, edge_m } => {
+        RigidTool::FlatPunch { radius_m, edge_m } => {
             straight([0.0, 0.0], [radius_m - edge_m, 0.0]);
             arc([radius_m - edge_m, -edge_m], edge_m, 0.0, PI / 2.0);
             straight([radius_m, -edge_m], [radius_m, -0.1]);
         }
-        Tool::Cone { half_angle_rad, tip_radius_m } => {
+        RigidTool::Cone { half_angle_rad, tip_radius_m } => {
             arc([0.0, -tip_radius_m], tip_radius_m, 0.0, PI / 2.0 - half_angle_rad);
             let start =
                 [tip_radius_m * half_angle_rad.cos(), tip_radius_m * half_angle_rad.sin() - tip_radius_m];
             let (sin, cos) = half_angle_rad.sin_cos();
             straight(start, [start[0] + 0.1 * sin, start[1] - 0.1 * cos]);
         }
-        Tool::Other(_) => {}
+        RigidTool::Other(_) => {}
     }
     all.append(&mut line);
     all
@@ -102,7 +102,7 @@ fn inside_is_negative_and_the_tip_is_the_origin() {
 fn known_points() {
     let close =
         |found: f64, expected: f64| assert!((found - expected).abs() < 1e-15, "{found}, not {expected}");
-    let punch = Tool::FlatPunch { radius_m: 0.01, edge_m: 0.001 };
+    let punch = RigidTool::FlatPunch { radius_m: 0.01, edge_m: 0.001 };
     close(punch.distance(dvec3(0.004, 0.003, 0.002)).value, 0.002);
     close(punch.distance(dvec3(0.0, 0.03, -0.05)).value, 0.02);
     // Over the middle of the edge's arc, 3-4-5.
@@ -110,13 +110,13 @@ fn known_points() {
     close(punch.distance(dvec3(0.0, 0.0, -0.004)).value, -0.004);
     close(punch.distance(dvec3(0.0, -0.008, -0.004)).value, -0.002);
 
-    let capsule = Tool::Capsule { radius_m: 0.002, length_m: 0.01 };
+    let capsule = RigidTool::Capsule { radius_m: 0.002, length_m: 0.01 };
     close(capsule.distance(dvec3(0.003, 0.004, -0.007)).value, 0.003);
     close(capsule.distance(dvec3(0.003, 0.0, -0.016)).value, 0.003);
     close(capsule.distance(dvec3(0.0, 0.0, -0.014)).value, 0.0);
 
     let angle = 0.6f64.asin();
-    let cone = Tool::Cone { half_angle_rad: angle, tip_radius_m: 0.002 };
+    let cone = RigidTool::Cone { half_angle_rad: angle, tip_radius_m: 0.002 };
     // On the flank, and 5 mm out from it along its normal.
     let (sin, cos) = (0.6, 0.8);
     let on = dvec3(0.002 * cos + 0.01 * sin, 0.0, -0.002 + 0.002 * sin - 0.01 * cos);
@@ -124,7 +124,7 @@ fn known_points() {
     close(cone.distance(on + 0.005 * dvec3(cos, 0.0, sin)).value, 0.005);
 
     // The curvature of a ball seen from outside.
-    let hessian = Tool::Sphere { radius_m: RADIUS }.distance(dvec3(0.0, 0.0, 0.01)).hessian;
+    let hessian = RigidTool::Sphere { radius_m: RADIUS }.distance(dvec3(0.0, 0.0, 0.01)).hessian;
     assert!(hessian.abs_diff_eq(DMat3::from_diagonal(dvec3(50.0, 50.0, 0.0)), 1e-12), "{hessian}");
 }
 
@@ -177,7 +177,7 @@ fn distances_never_jump() {
         // Outside, and inside up to a punch's rounding, the gradient doesn't jump either.
         for p in &points {
             let here = tool.distance(*p);
-            let limit = if let Tool::FlatPunch { edge_m, .. } = tool { -0.9 * edge_m } else { -5e-4 };
+            let limit = if let RigidTool::FlatPunch { edge_m, .. } = tool { -0.9 * edge_m } else { -5e-4 };
             if here.value > limit {
                 let shift = 1e-9 * dvec3(0.6, -0.48, 0.64);
                 let there = tool.distance(*p + shift);
@@ -225,25 +225,25 @@ impl Shape for Below {
 
 #[test]
 fn other_shapes_join() {
-    let tool = Tool::Other(Arc::new(Below));
+    let tool = RigidTool::Other(Arc::new(Below));
     let found = Placement::pressing(DVec3::ZERO, DVec3::X).distance_at(&tool, dvec3(0.25, 4.0, 0.0));
     assert!((found.value - 0.25).abs() < 1e-15 && found.hessian == DMat3::ZERO);
 }
 
 #[test]
 fn lengths_are_checked() {
-    let refused = |tool: Tool, place: &str| {
+    let refused = |tool: RigidTool, place: &str| {
         let message = tool.validate().unwrap_err().to_string();
         assert!(message.starts_with(&format!("{place}: ")), "{message}");
     };
-    refused(Tool::Sphere { radius_m: 0.0 }, "radius");
-    refused(Tool::Sphere { radius_m: f64::NAN }, "radius");
-    refused(Tool::flat_punch(-0.01), "radius");
-    refused(Tool::FlatPunch { radius_m: 0.01, edge_m: 0.0 }, "edge");
-    refused(Tool::FlatPunch { radius_m: 0.01, edge_m: 0.011 }, "edge");
-    refused(Tool::Cone { half_angle_rad: 1.6, tip_radius_m: 0.01 }, "half_angle");
-    refused(Tool::Cone { half_angle_rad: 0.5, tip_radius_m: 0.0 }, "tip_radius");
-    refused(Tool::Capsule { radius_m: 0.01, length_m: f64::INFINITY }, "length");
+    refused(RigidTool::Sphere { radius_m: 0.0 }, "radius");
+    refused(RigidTool::Sphere { radius_m: f64::NAN }, "radius");
+    refused(RigidTool::flat_punch(-0.01), "radius");
+    refused(RigidTool::FlatPunch { radius_m: 0.01, edge_m: 0.0 }, "edge");
+    refused(RigidTool::FlatPunch { radius_m: 0.01, edge_m: 0.011 }, "edge");
+    refused(RigidTool::Cone { half_angle_rad: 1.6, tip_radius_m: 0.01 }, "half_angle");
+    refused(RigidTool::Cone { half_angle_rad: 0.5, tip_radius_m: 0.0 }, "tip_radius");
+    refused(RigidTool::Capsule { radius_m: 0.01, length_m: f64::INFINITY }, "length");
     for tool in tools() {
         tool.validate().unwrap();
     }

@@ -10,10 +10,10 @@
 use anyhow::{Context, Result, anyhow};
 use glam::DVec3;
 use palpate::closed_loop::{Setup, run};
-use palpate::intent::Intent;
+use palpate::intent::MotionScript;
 use palpate::plot::{COLOURS, Panel, png};
 use palpate::{Ablation, Body, files};
-use palpate_body::{BodyParts, NodeMix, Provenance, Response, SlipRule, Surface, Tool, TriangleMesh};
+use palpate_body::{BlendWeights, BodyParts, Provenance, Response, SlipRule, Surface, Tool, TriangleMesh};
 use palpate_device::simulated::{Hand, Move};
 use palpate_device::{Figure, presets};
 use plotters::prelude::*;
@@ -61,7 +61,7 @@ impl Case {
         }
         let push = |force_n, seconds| Move::Push { force_n, seconds };
         let rest = Move::Hold { tremor_m: 0.0, tremor_hz: 0.0, seconds };
-        let intent = Intent::of(vec![push(0.98 * force, 1.0), push(force, 0.02), rest]);
+        let intent = MotionScript::of(vec![push(0.98 * force, 1.0), push(force, 0.02), rest]);
         let setup = Setup {
             capabilities,
             hand: Hand::default(),
@@ -99,7 +99,7 @@ fn plane(k: f64) -> Result<Body> {
     let mesh = TriangleMesh { positions, triangles: vec![[0, 1, 2], [0, 2, 3]] };
     let surface = Surface::build(&mesh, f64::INFINITY)?;
     Ok(Body::new(BodyParts {
-        mixes: vec![NodeMix::own(0); surface.positions().len()],
+        blends: vec![BlendWeights::own(0); surface.positions().len()],
         responses: vec![Response::paper(k, k, 0.3, 50e-3, 50e-3)?],
         surface,
         test_point_nodes: vec![0],

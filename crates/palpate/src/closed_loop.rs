@@ -2,13 +2,13 @@
 
 use crate::certify::device::{damping_needed, late};
 use crate::inspect::stiffness_max;
-use crate::intent::Intent;
+use crate::intent::MotionScript;
 use crate::path::Waypoint;
 use crate::trace;
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
 use palpate_body::{Body, SlipRule};
-use palpate_device::simulated::{Energies, Hand, Intent as _, figures};
+use palpate_device::simulated::{Energies, Hand, HandMotion as _, figures};
 use palpate_device::{Capabilities, Device, Simulated};
 use palpate_engine::{Ablation, Contact, Output};
 use palpate_runtime::{Coupling, Cycle, HapticLoop, PassivityController, Stages, WorkspaceMap};
@@ -27,10 +27,10 @@ pub struct Setup {
     /// The hand that holds it.
     pub hand: Hand,
     /// What it does.
-    pub intent: Intent,
+    pub intent: MotionScript,
     /// Periods a second.
     pub rate_hz: f64,
-    /// How long, s; `None` for as long as the intent.
+    /// How long, s; `None` for as long as the motion script.
     pub seconds: Option<f64>,
     /// Interpolations taken away.
     pub ablation: Ablation,
@@ -46,7 +46,7 @@ pub struct Setup {
 
 /// What came out of a run.
 #[derive(Debug, Clone, Default, Serialize)]
-pub struct Summary {
+pub struct LoopSummary {
     /// The device's name.
     pub device: String,
     /// Hz.
@@ -55,14 +55,14 @@ pub struct Summary {
     pub seconds: f64,
     /// What the engine saw and did, as `palpate trace` tells it.
     #[serde(flatten)]
-    pub trace: trace::Summary,
+    pub trace: trace::TraceSummary,
     /// What the engine gave out at its port: Σ F_k·(x_k+1 − x_k), J.
     pub out_j: f64,
     /// ½ K_max Σ |x_k+1 − x_k|², J: where the slip rule is passive, out + stored is never above it.
     pub sampling_bound_j: f64,
     /// Of the simulated mechanics.
     pub mechanics: Mechanics,
-    /// One for each rest of the intent in which the tool cycled.
+    /// One for each rest of the motion script in which the tool cycled.
     pub limit_cycles: Vec<LimitCycle>,
     /// Against the sampled-data rule.
     pub sampled_data: SampledData,
@@ -133,13 +133,13 @@ const STEPS_MAX: f64 = 2e7;
 /// Runs a loop and gives every period to `row`.
 ///
 /// # Errors
-/// An intent that takes too many periods, or does not go on this body; a device or hand that can't be simulated; what
+/// A motion script that takes too many periods, or does not go on this body; a device or hand that can't be simulated; what
 /// `row` reports.
 pub fn run(
     body: &Body,
     setup: Setup,
     mut row: impl FnMut(&Waypoint, &Output) -> Result<()>,
-) -> Result<Summary> {
+) -> Result<LoopSummary> {
     let Setup { capabilities, hand, intent, rate_hz, seconds, ablation, slip, no_tank, .. } = setup;
     let Setup { coupling_n_per_m, passivity, .. } = setup;
     let period = 1.0 / rate_hz;
@@ -163,7 +163,7 @@ pub fn run(
         );
     }
     let mass = capabilities.mechanics.mass_kg.value + hand.mass_kg;
-    let mut summary = Summary {
+    let mut summary = LoopSummary {
         device: capabilities.name.to_string(),
         rate_hz,
         seconds,
@@ -171,7 +171,7 @@ pub fn run(
             passive_up_to_n_per_m: passive_up_to(&capabilities, period),
             ..SampledData::default()
         },
-        ..Summary::default()
+        ..LoopSummary::default()
     };
     let stages = Stages {
         coupling: coupling_n_per_m.map(|k| Coupling::new(k, stiffness_down_to(body, f64::INFINITY))),
@@ -238,14 +238,14 @@ fn stiffness_down_to(body: &Body, depth: f64) -> f64 {
     at.map_or(0.0, |s| s.value)
 }
 
-impl Summary {
+impl LoopSummary {
     /// What deserves to be said aloud.
     pub fn warnings(&self, body: &Body, ablation: Ablation) -> Vec<String> {
         let mut said = self.trace.warnings(body, &[], ablation);
         // The path that it means is the loop's own.
         said.retain(|s| !s.starts_with("nothing was touched"));
         if self.trace.contacts == 0 {
-            said.push("nothing was touched: let the intent go deeper".into());
+            said.push("nothing was touched: let the motion script go deeper".into());
         }
         for c in &self.limit_cycles {
             said.push(format!(

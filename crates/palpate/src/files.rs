@@ -68,7 +68,7 @@ pub(crate) fn unreadable(path: &Path, error: &io::Error) -> anyhow::Error {
 }
 
 pub(crate) fn unwritable(path: &Path, error: &io::Error) -> anyhow::Error {
-    // A temporary file's error names that file, which nobody asked for.
+    // A temporary file's error names that file, which means nothing to the user.
     let cause = error.to_string();
     let cause = cause.split(" at path ").next().unwrap_or_default();
     anyhow!(

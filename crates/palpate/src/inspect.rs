@@ -31,7 +31,7 @@ pub struct Inspection {
     pub tank: bool,
     /// Whether the lateral response depends on the direction.
     pub anisotropic: bool,
-    /// Least and greatest over the nodes: how many times as stiff sideways the stiffest direction is as the softest.
+    /// Least and greatest over the nodes: how many times as stiff laterally the stiffest direction is as the softest.
     pub lateral_ratio: [f64; 2],
     /// Tools that responses are held for.
     pub tools: Vec<ToolEntry>,
@@ -269,7 +269,7 @@ fn ratios(potential: &Potential) -> impl Iterator<Item = f64> + '_ {
     })
 }
 
-/// How each node's tensor acts sideways; none of an isotropic body's.
+/// How each node's tensor acts laterally; none of an isotropic body's.
 pub fn principals(body: &Body) -> impl Iterator<Item = Principal> + '_ {
     let tensors = body.lateral_tensors().unwrap_or_default();
     tensors.iter().zip(body.nodes()).map(|(a, node)| Principal::of(a, node.inward))
@@ -312,7 +312,7 @@ impl Stiffest {
         self.normal.iter_mut().zip(bounds).for_each(|(most, bound)| *most = most.max(bound));
     }
 
-    /// Adds a node's directions. A mix of tensors has no eigenvalue above all of theirs.
+    /// Adds a node's directions. A blend of tensors has no eigenvalue above all of theirs.
     pub fn turn(&mut self, principal: &Principal) {
         self.ratio = self.ratio.max(principal.values[0]);
     }

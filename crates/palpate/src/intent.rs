@@ -13,7 +13,7 @@ use std::ops::Range;
 use std::path::Path;
 use toml::Spanned;
 
-/// The names of the built-in intents.
+/// The names of the built-in motion scripts.
 pub const NAMES: [&str; 5] = ["press", "drag", "circle", "tap", "hold"];
 
 /// How far above the surface an operator begins if nothing else is said, m.
@@ -21,7 +21,7 @@ const CLEARANCE: f64 = 2e-3;
 
 /// Moves and where they begin; and what of device and hand is other than the presets.
 #[derive(Debug, Clone, Default)]
-pub struct Intent {
+pub struct MotionScript {
     /// The surface point that is nearest to this is touched, m in the body's frame; without it, the top.
     pub at_m: Option<DVec3>,
     /// Drags go this way.
@@ -188,20 +188,20 @@ impl RawMove {
     }
 }
 
-impl Intent {
+impl MotionScript {
     /// These moves, begun on the surface at the body's top.
     pub fn of(moves: Vec<Move>) -> Self {
-        Intent { moves, ..Intent::default() }
+        MotionScript { moves, ..MotionScript::default() }
     }
 
     /// A built-in intent by its name, sized by how deep the body's curves go; or else the file of that name.
     ///
     /// # Errors
-    /// As [`Intent::read`]; and a name that is neither.
+    /// As [`MotionScript::read`]; and a name that is neither.
     pub fn find(name: &str, body: &ContactModel) -> Result<Self> {
         let depth = body.responses().depth_knots().values().last().copied().unwrap_or_default();
         if let Some(moves) = built_in(name, 0.6 * depth) {
-            return Ok(Intent { clearance_m: CLEARANCE, ..Intent::of(moves) });
+            return Ok(MotionScript { clearance_m: CLEARANCE, ..MotionScript::of(moves) });
         }
         let path = Path::new(name);
         if !path.exists() && path.extension().is_none() {
@@ -247,7 +247,7 @@ impl Intent {
             None => path.display().to_string(),
         });
         let start = raw.start.map(Spanned::into_inner).unwrap_or_default();
-        Ok(Intent {
+        Ok(MotionScript {
             at_m: start.at_mm.map(|Row(mm)| DVec3::from_array(mm) * 1e-3),
             along: start.along.map(|Row(v)| DVec3::from_array(v)),
             clearance_m: start.clearance_mm.map_or(CLEARANCE, |mm| mm * 1e-3),
@@ -302,7 +302,7 @@ impl Intent {
         });
         // A sphere's reference point is its centre.
         let place = into * -radius_m;
-        let place_in_file = self.start_place.as_deref().unwrap_or("the intent");
+        let place_in_file = self.start_place.as_deref().unwrap_or("the motion script");
         Script::new(place, self.clearance_m, into, along, &self.moves)
             .map_err(|e| anyhow!("{place_in_file}: {e}"))
     }

@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 
 /// f^z = 100 k_z δz² and f^r = k_r δr.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Law {
+pub struct AnalyticLaw {
     /// k_z at the mean, N/m.
     pub normal_n_per_m: f64,
     /// k_r at the mean, N/m.
@@ -45,7 +45,7 @@ impl Variation {
     }
 }
 
-impl Law {
+impl AnalyticLaw {
     /// One response for each of `positions` (m), all on the same knots.
     ///
     /// # Errors
@@ -104,7 +104,7 @@ mod tests {
 
     #[test]
     fn the_law_is_exact_between_the_knots() {
-        let law = Law {
+        let law = AnalyticLaw {
             normal_n_per_m: 600.0,
             lateral_n_per_m: 500.0,
             variation: Variation { around: 0.5, along: 0.2 },

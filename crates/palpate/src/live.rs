@@ -1,20 +1,20 @@
 //! Loops against the clock: devices as the command line names them, their sessions on one body, and what they tell.
 
 use crate::inspect::Stiffest;
-use crate::intent::Intent;
+use crate::intent::MotionScript;
 use crate::path;
 use crate::{console, files};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
-use palpate_body::file::Stamp;
+use palpate_body::file::Fingerprint;
 use palpate_body::tensor::Principal;
 use palpate_body::{Body, BodyError, BodySource, SlipRule, StoredBody};
-use palpate_device::simulated::{Hand, Intent as _, figures};
+use palpate_device::simulated::{Hand, HandMotion as _, figures};
 use palpate_device::{Capabilities, Device, Replay, ReplaySample, Simulated};
 use palpate_engine::{Ablation, Contact};
 use palpate_runtime::{
-    BodyFile, Coupling, End, Finished, HapticLoop, Header, Opened, Prepared, Recording, RecordingFile,
-    Report, Safety, Scribe, Session, Settings, StageFlags, Summary, WorkspaceMap, ring,
+    BodyFile, Coupling, End, Finished, HapticLoop, Header, Opened, Prepared, RecorderThread, Recording,
+    RecordingFile, Report, Safety, Session, Settings, StageFlags, Summary, WorkspaceMap, ring,
 };
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -56,9 +56,9 @@ pub fn open_body(
     place: Option<BodyIn>,
     is_recorded: bool,
 ) -> Result<(Arc<dyn BodySource>, BodyFile)> {
-    let stamp = |file: &_| Stamp::of(file).map_err(|e| BodyError::io(path, e));
+    let fingerprint = |file: &_| Fingerprint::of(file).map_err(|e| BodyError::io(path, e));
     let file = files::open(path)?;
-    let before = stamp(&file)?;
+    let before = fingerprint(&file)?;
     let is_large = || StoredBody::count_elements(path).is_ok_and(|count| count >= STORED_FROM);
     let body: Arc<dyn BodySource> = match place {
         Some(BodyIn::File) => Arc::new(StoredBody::open(path, slip)?),
@@ -70,7 +70,7 @@ pub fn open_body(
         },
     };
     let sha256 = if is_recorded { files::sha256_of(file, path)? } else { String::new() };
-    if stamp(&files::open(path)?)? != before {
+    if fingerprint(&files::open(path)?)? != before {
         bail!("{}: it was changed while it was opened; start again", path.display());
     }
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
@@ -91,7 +91,7 @@ pub struct Hold {
 
 /// What all devices have in common.
 #[derive(Debug, Clone)]
-pub struct Plan {
+pub struct LivePlan {
     /// The body's file.
     pub body: BodyFile,
     /// Threads.
@@ -110,7 +110,7 @@ pub struct Plan {
     pub place: Place,
     /// Files to record into, one for each device, or none.
     pub record: Vec<PathBuf>,
-    /// Whether what is told is JSON.
+    /// Whether the output is JSON.
     pub json: bool,
 }
 
@@ -127,7 +127,7 @@ pub struct Place {
     pub clutch: Option<u32>,
 }
 
-/// What is told of a loop that ended.
+/// The report of a loop that ended.
 #[derive(Debug, Serialize)]
 pub struct Told {
     /// The device.
@@ -158,21 +158,21 @@ struct Live<'a> {
     summary: &'a Summary,
 }
 
-/// A simulated device in a hand that does as the intent says.
+/// A simulated device in a hand that does as the motion script says.
 ///
 /// # Errors
-/// The intent does not go on this body; a device or hand that can't be simulated.
+/// The motion script does not go on this body; a device or hand that can't be simulated.
 pub fn simulated(
     body: &dyn BodySource,
     mut capabilities: Capabilities,
     hand: Hand,
-    intent: &Intent,
+    intent: &MotionScript,
 ) -> Result<Hold> {
     intent.adjust(&mut capabilities);
     let hand = intent.hand.unwrap_or(hand);
     figures::check(&capabilities, &hand).map_err(|e| anyhow!("{} in this hand: {e}", capabilities.name))?;
     let [place, into] = intent.place(body)?;
-    let script = intent.script(into, body.outline().tool().radius_m())?;
+    let script = intent.script(into, body.model_header().tool().radius_m())?;
     let seconds = Some(script.duration_s());
     let map = Some(WorkspaceMap { offset_m: place, ..WorkspaceMap::default() });
     Ok(Hold {
@@ -229,7 +229,7 @@ pub fn is_recording(file: &Path) -> Result<bool> {
 /// A session with all that belongs to it.
 struct Running {
     session: Option<Session>,
-    scribe: Scribe,
+    recorder_thread: RecorderThread,
     device: String,
 }
 
@@ -237,7 +237,7 @@ struct Running {
 ///
 /// # Errors
 /// What can't be begun: a device, a recording, a setting. Everything that was begun is ended then.
-pub fn run(body: &Arc<dyn BodySource>, holds: Vec<Hold>, plan: &Plan) -> Result<Vec<(Told, End)>> {
+pub fn run(body: &Arc<dyn BodySource>, holds: Vec<Hold>, plan: &LivePlan) -> Result<Vec<(Told, End)>> {
     let stop = signals()?;
     let count = holds.len();
     let teller = Teller::start(plan.json)?;
@@ -272,12 +272,14 @@ pub fn run(body: &Arc<dyn BodySource>, holds: Vec<Hold>, plan: &Plan) -> Result<
         if told.elapsed() >= TOLD_EVERY {
             told = Instant::now();
             for one in running.iter().filter(|r| r.session.is_some()) {
-                teller
-                    .tell(News::Live { device: one.device.clone(), summary: Box::new(one.scribe.summary()) });
+                teller.tell(News::Live {
+                    device: one.device.clone(),
+                    summary: Box::new(one.recorder_thread.summary()),
+                });
             }
         }
         for one in &running {
-            one.scribe.trouble().into_iter().for_each(|what| {
+            one.recorder_thread.trouble().into_iter().for_each(|what| {
                 teller.tell(News::Note(format!("{}: {what}", one.device)));
             });
         }
@@ -285,7 +287,7 @@ pub fn run(body: &Arc<dyn BodySource>, holds: Vec<Hold>, plan: &Plan) -> Result<
     // Recordings have their ends before anything more is told, which may take forever.
     let finish = |(one, report): (Running, Option<Report>)| {
         let report = report?;
-        let finished = one.scribe.finish(&report.end.to_string());
+        let finished = one.recorder_thread.finish(&report.end.to_string());
         Some((tell(one.device, &report, finished, plan), report))
     };
     let finished: Vec<_> = running.into_iter().zip(ended).filter_map(finish).collect();
@@ -304,19 +306,24 @@ fn signals() -> Result<&'static AtomicBool> {
 /// A loop that only has to be started.
 struct Ready {
     session: Prepared,
-    scribe: Scribe,
+    recorder_thread: RecorderThread,
     device: String,
 }
 
 impl Ready {
     fn start(self) -> Result<Running> {
-        let Ready { session, scribe, device } = self;
-        Ok(Running { session: Some(session.start()?), scribe, device })
+        let Ready { session, recorder_thread, device } = self;
+        Ok(Running { session: Some(session.start()?), recorder_thread, device })
     }
 }
 
-fn prepare(body: &Arc<dyn BodySource>, hold: Hold, plan: &Plan, record: Option<&PathBuf>) -> Result<Ready> {
-    let Plan { settings, safety, coupling_n_per_m, ablation, place, .. } = plan;
+fn prepare(
+    body: &Arc<dyn BodySource>,
+    hold: Hold,
+    plan: &LivePlan,
+    record: Option<&PathBuf>,
+) -> Result<Ready> {
+    let LivePlan { settings, safety, coupling_n_per_m, ablation, place, .. } = plan;
     let Hold { device, map, seconds, is_replay } = hold;
     let mut device = Opened::new(device)?;
     let name = device.capabilities().name.to_string();
@@ -333,9 +340,9 @@ fn prepare(body: &Arc<dyn BodySource>, hold: Hold, plan: &Plan, record: Option<&
         None => place.above_top(&mut device, &**body)?,
     };
     let map = map.checked(device.capabilities())?;
-    let rule = plan.slip.unwrap_or(body.outline().slip());
-    let tank = body.outline().has_tank() && !plan.no_tank;
-    let contact = Contact::on(body.outline(), rule, *ablation).with_tank(tank);
+    let rule = plan.slip.unwrap_or(body.model_header().slip());
+    let tank = body.model_header().has_tank() && !plan.no_tank;
+    let contact = Contact::on(body.model_header(), rule, *ablation).with_tank(tank);
     let haptics = HapticLoop::new(contact, map, stages);
     let (recorder, records) = ring((RING_S * settings.rate_hz) as usize);
     let header = || Header {
@@ -354,21 +361,21 @@ fn prepare(body: &Arc<dyn BodySource>, hold: Hold, plan: &Plan, record: Option<&
         map: map.into(),
     };
     let file = record.map(|path| RecordingFile::create(path, false, &header())).transpose()?;
-    let scribe = Scribe::start(records, file, settings.rate_hz)?;
+    let recorder_thread = RecorderThread::start(records, file, settings.rate_hz)?;
     let mut settings = *settings;
     settings.seconds = settings.seconds.or(seconds);
     if is_replay {
         settings.patience.pose_s = f64::INFINITY;
     }
     let session = Session::prepare(body.clone(), device, haptics, recorder, settings)?;
-    Ok(Ready { session, scribe, device: name })
+    Ok(Ready { session, recorder_thread, device: name })
 }
 
 /// K_max at any depth, N/m.
 fn stiffest(body: &dyn BodySource) -> palpate_body::Result<f64> {
     let mut stiffest = Stiffest::default();
     body.each_response(&mut |r| stiffest.meet(r))?;
-    let range_m = body.outline().potentials().range_m();
+    let range_m = body.model_header().potentials().range_m();
     body.each_potential(&mut |p| stiffest.meet_coupled(p, range_m))?;
     body.each_tensor(&mut |a, u| stiffest.turn(&Principal::of(a, u)))?;
     Ok(stiffest.anywhere())
@@ -408,7 +415,8 @@ impl Place {
     fn above_top(&self, device: &mut Opened, body: &dyn BodySource) -> Result<WorkspaceMap> {
         let mut map = self.over(WorkspaceMap::default());
         if self.offset_m.is_none() {
-            let above = crate::intent::top(body)? + DVec3::Z * (ABOVE + body.outline().tool().radius_m());
+            let above =
+                crate::intent::top(body)? + DVec3::Z * (ABOVE + body.model_header().tool().radius_m());
             map.offset_m = above - map.rotation * first_place(device)? * map.scale;
         }
         Ok(map)
@@ -425,7 +433,7 @@ pub fn ablation_name(ablation: Ablation) -> &'static str {
     }
 }
 
-/// What is told while loops run.
+/// What is reported while loops run.
 enum News {
     Live { device: String, summary: Box<Summary> },
     Note(String),
@@ -484,7 +492,7 @@ fn say(news: &News, json: bool) -> Result<()> {
     Ok(())
 }
 
-fn tell(device: String, report: &Report, finished: Finished, plan: &Plan) -> Told {
+fn tell(device: String, report: &Report, finished: Finished, plan: &LivePlan) -> Told {
     let faults = report.page_faults;
     Told {
         device,

@@ -8,10 +8,10 @@ pub mod run;
 pub mod volume;
 mod workspace;
 
-pub use run::{Options, Prepared, Shard, Solver, Stopped, merge};
+pub use run::{Options, PointSolver, Prepared, Shard, Stopped, merge};
 pub use workspace::Workspace;
 
-/// What a path that ended early, or a point that could not be pressed at all, is told as.
+/// What a path that ended early, or a point that could not be pressed at all, is reported as.
 pub fn stops(
     index: u32,
     point: &crate::record::TestPoint,

@@ -47,7 +47,7 @@ pub const COLUMNS: [&str; 11] = [
 /// What a run was asked. Runs of equal plans give equal records.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Plan {
+pub struct PathsPlan {
     /// Name and version of the program.
     pub software: String,
     /// The spec's file name.
@@ -58,9 +58,9 @@ pub struct Plan {
     pub inputs: BTreeMap<String, String>,
 }
 
-impl Plan {
+impl PathsPlan {
     /// What differs in `other`, in words; `None` if nothing does.
-    pub fn difference(&self, other: &Plan) -> Option<String> {
+    pub fn difference(&self, other: &PathsPlan) -> Option<String> {
         if self.spec != other.spec {
             let line = self.spec.lines().zip(other.spec.lines()).position(|(a, b)| a != b);
             let line = line.unwrap_or_else(|| self.spec.lines().count().min(other.spec.lines().count()));
@@ -80,7 +80,7 @@ impl Plan {
 /// What all points of a run share besides its plan.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Scene {
-    /// The surface that is touched, mended, m.
+    /// The surface that is touched, repaired, m.
     pub surface: TriangleMesh,
     /// Stiffness of the body at rest at each node that this surface gets (more than one where it is creased), N/m: what responses go with between test points.
     pub guide_n_per_m: Vec<f64>,
@@ -88,7 +88,7 @@ pub struct Scene {
     pub boundary_m: Vec<DVec3>,
     /// Its faces: indices into `boundary_m`, three corners and the middles of the edges 01, 12, 20.
     pub faces: Vec<[u32; 6]>,
-    /// What was mended or assumed.
+    /// What was repaired or assumed.
     pub notes: Vec<String>,
 }
 
@@ -353,9 +353,9 @@ fn digest(entry: &Entry, states: &[u8], fields: &[u8]) -> String {
 
 /// A record: points of one plan.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Record {
+pub struct PathsRecord {
     /// What was asked.
-    pub plan: Plan,
+    pub plan: PathsPlan,
     /// How many test points the plan has.
     pub total: u32,
     /// What the points share; a running run's records of single points are without.
@@ -372,7 +372,7 @@ struct Listed {
 }
 
 #[derive(Serialize)]
-struct Header {
+struct PathsHeader {
     __metadata__: BTreeMap<&'static str, String>,
     #[serde(flatten)]
     tensors: BTreeMap<String, TensorInfo>,
@@ -384,7 +384,7 @@ const GUIDE: &str = "guide_n_per_m";
 const BOUNDARY_POSITIONS: &str = "boundary_positions_m";
 const BOUNDARY_FACES: &str = "boundary_faces";
 
-impl Record {
+impl PathsRecord {
     /// Writes the record as a whole or not at all. The same record gives the same bytes.
     ///
     /// # Errors
@@ -441,7 +441,7 @@ impl Record {
             metadata.insert("notes", serde_json::to_string(&scene.notes)?);
         }
         let mut header = vec![0; LENGTH];
-        serde_json::to_writer(&mut header, &Header { __metadata__: metadata, tensors })?;
+        serde_json::to_writer(&mut header, &PathsHeader { __metadata__: metadata, tensors })?;
         header.resize(header.len().next_multiple_of(8), b' ');
         let length = (header.len() - LENGTH) as u64;
         anyhow::ensure!(
@@ -522,7 +522,7 @@ impl Record {
         if begin + header.data_len() as u64 != size.len() {
             return Err(bad(format!("it has {} bytes, not those its header tells", size.len())));
         }
-        let plan: Plan = head.json("plan")?;
+        let plan: PathsPlan = head.json("plan")?;
         let total = head.json("test_points")?;
         let listed: Vec<Listed> = head.json("points")?;
         let tensor = |name: &str, dtype: Dtype, columns: &[usize]| match header.info(name) {
@@ -580,7 +580,7 @@ impl Record {
                 return Err(bad(format!("point {index} is there twice, or is none of the plan's")));
             }
         }
-        Ok(Record { plan, total, scene, points })
+        Ok(PathsRecord { plan, total, scene, points })
     }
 }
 

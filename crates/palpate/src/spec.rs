@@ -6,12 +6,12 @@ mod simulation;
 pub(crate) mod source;
 mod tool;
 
-pub use material::{Law as MaterialLaw, Material, Volume};
+pub use material::{Material, MaterialLaw, Volume};
 pub use simulation::{Fixed, MeshSizes, Place, Region, Selection, Simulation, TestPoints};
 pub use tool::{Contact, ToolShape};
 
 use crate::files;
-use crate::law::Law;
+use crate::law::AnalyticLaw;
 use anyhow::{Result, anyhow};
 use palpate_body::import::LengthUnit;
 use palpate_body::shape::{Resolution, Shape, ShapeSpec};
@@ -47,7 +47,7 @@ pub struct Spec {
     /// Whether slip is kept from giving out energy.
     pub tank: bool,
     /// Responses by a formula.
-    pub law: Option<Law>,
+    pub law: Option<AnalyticLaw>,
     /// Tables and keys that this version reads but does not use.
     pub ignored: Vec<&'static str>,
 }

@@ -6,7 +6,7 @@ use palpate_body::{Body, CoupledLaw, Curve, Potential, Response};
 use palpate_runtime::Record;
 use std::io::Write;
 
-/// Numbers of one response, or a mix of several's.
+/// Numbers of one response, or a blend of several's.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Figures {
     /// Slope of the normal force 1 mm deep, N/m.
@@ -69,13 +69,13 @@ impl Figures {
         }
     }
 
-    /// Those of every node: like curves, they mix linearly.
+    /// Those of every node: like curves, they blend linearly.
     pub fn of_nodes(body: &Body) -> Vec<Self> {
         let responses = body.curves().iter().map(Figures::of);
         let potentials = body.coupled_law().into_iter().flat_map(|law| &law.potentials);
         let figures = responses.chain(potentials.map(Figures::of_potential));
         let of_points: Vec<[f64; 5]> = figures.map(|f| f.values()).collect();
-        let mix = |node: &palpate_body::Node| {
+        let blend = |node: &palpate_body::Node| {
             let mut sum = [0.0; 5];
             for (point, weight) in node.test_points.iter().zip(node.weights) {
                 let Some(values) = of_points.get(*point as usize) else { continue };
@@ -90,11 +90,11 @@ impl Figures {
                 friction,
             }
         };
-        body.nodes().iter().map(mix).collect()
+        body.nodes().iter().map(blend).collect()
     }
 }
 
-/// One row a node: place, inward normal, whose responses it mixes, and its figures.
+/// One row a node: place, inward normal, whose responses it blends, and its figures.
 ///
 /// # Errors
 /// `out` can't be written.

@@ -81,7 +81,7 @@ pub fn write_row(out: &mut dyn Write, waypoint: &Waypoint, output: &Output) -> R
 
 /// What a trace adds up to.
 #[derive(Debug, Clone, Default, Serialize)]
-pub struct Summary {
+pub struct TraceSummary {
     /// Rows.
     pub steps: u64,
     /// Contacts begun.
@@ -98,7 +98,7 @@ pub struct Summary {
     pub flags: FlagCounts,
     /// Rows in which the contact point ran away, or has no stable place to be (docs/model.md).
     pub snap_steps: u64,
-    /// Rows deeper or farther aside than the curves' last knots.
+    /// Rows deeper or farther laterally than the curves' last knots.
     pub extrapolated_steps: u64,
     /// When the first snap was, s.
     #[serde(skip)]
@@ -166,7 +166,7 @@ impl Serialize for FlagCounts {
     }
 }
 
-impl Summary {
+impl TraceSummary {
     /// Counts one output of `contact`, which is as it was left by it.
     pub fn add(&mut self, body: &ContactModel, contact: &Contact, waypoint: &Waypoint, output: &Output) {
         self.steps += 1;
@@ -189,7 +189,7 @@ impl Summary {
                 self.snap_steps += 1;
             }
         }
-        // Contacts end at the border before a tip can be inside again without a beginning.
+        // Contacts end at the border before a tool can be inside again without a beginning.
         self.began_inside +=
             u64::from(output.flags.has(Flags::STARTED_INSIDE) && self.flags.of(Flags::BORDER) == 0);
         self.before = Some((*waypoint, *output));
@@ -214,7 +214,7 @@ impl Summary {
             // The contact is of this body, and time goes on in a path.
             invalid_times: _,
             other_bodies: _,
-            underived: _,
+            without_gradients: _,
         } = *contact.counters();
         let Ledger { work_j, stored_j, dissipated_j, generated_j, relaxed_j: _, tank_j: _ } =
             *contact.energy();
@@ -283,7 +283,7 @@ impl Summary {
         if self.extrapolated_steps > 0 {
             let [depth, lateral] = reach(body).map(|m| (m * 1e6).round() / 1e3);
             warnings.push(format!(
-                "{} beyond the curves' {depth} mm in depth or {lateral} mm aside: forces extrapolated",
+                "{} beyond the curves' {depth} mm in depth or {lateral} mm laterally: forces extrapolated",
                 count(self.extrapolated_steps, "step")
             ));
         }
@@ -302,7 +302,7 @@ impl Summary {
     }
 }
 
-/// How deep and how far aside the curves go, m.
+/// How deep and how far laterally the curves go, m.
 fn reach(body: &ContactModel) -> [f64; 2] {
     let responses = body.responses();
     [responses.depth_knots(), responses.lateral_knots()]
@@ -330,8 +330,8 @@ mod tests {
         );
         assert!(COLUMNS.ends_with(",tx_nm,ty_nm,tz_nm,work_j,stored_j,dissipated_j,generated_j"));
         let mut counts = FlagCounts::default();
-        counts.add(Flags::IN_CONTACT | Flags::FENCED);
-        counts.add(Flags::FENCED);
+        counts.add(Flags::IN_CONTACT | Flags::PATCH_BOUNDARY);
+        counts.add(Flags::PATCH_BOUNDARY);
         let json = serde_json::to_string(&counts).unwrap();
         let expected =
             r#"{"in_contact":1,"slipping":0,"onset":0,"released":0,"reanchored":0,"border":0,"blocked":0,"#;

@@ -1,4 +1,4 @@
-//! The honest measure: random paths that no test point has seen, simulated in full, against the body's answer.
+//! Measures the error on held-out paths: random paths that no test point has seen, simulated in full, against the body's answer.
 //!
 //! A path presses the tool in along û at a random point of the surface and drags it, sticking, in a random direction.
 //! The simulation's force and the engine's are compared at each state, in N and in % of the largest force of the path,
@@ -207,7 +207,7 @@ pub struct Validation {
     /// One for each path that was simulated.
     pub paths: Vec<PathResult>,
     /// The body's.
-    pub summary: Summary,
+    pub summary: ErrorSummary,
     /// Every source's, from the worst informed to the best.
     pub sources: Vec<SourceSummary>,
     /// Paths without any state, which count nowhere.
@@ -220,7 +220,7 @@ pub struct Validation {
 
 /// The body's errors over all paths.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct Summary {
+pub struct ErrorSummary {
     /// Along û.
     pub normal: Spread,
     /// At right angles to û.
@@ -540,7 +540,8 @@ pub fn validate(
     }
     let sources: Vec<SourceSummary> = Source::ALL.into_iter().map(|s| summary(s, &paths)).collect();
     let own = sources.iter().find(|s| s.source == Source::Body);
-    let summary = own.map_or_else(Summary::default, |s| Summary { normal: s.normal, lateral: s.lateral });
+    let summary =
+        own.map_or_else(ErrorSummary::default, |s| ErrorSummary { normal: s.normal, lateral: s.lateral });
     Ok(Validation {
         failed: trial.paths - paths.len(),
         cut_short: paths.iter().filter(|p| p.stopped.is_some()).count(),

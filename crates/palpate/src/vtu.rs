@@ -23,7 +23,7 @@ struct Array<'a> {
 /// VTK's number for a triangle.
 const TRIANGLE: u8 = 5;
 
-/// Writes the surface with, at each node, its inward normal, the [`Figures`], the test points it mixes, and its lateral
+/// Writes the surface with, at each node, its inward normal, the [`Figures`], the test points it blends, and its lateral
 /// tensor if the body is anisotropic; and at each element what `elements_hold` says, by name.
 ///
 /// # Errors
@@ -60,7 +60,7 @@ pub fn write(body: &Body, elements_hold: &[(&'static str, Vec<f64>)], out: &mut 
         }));
     }
     if let Some(law) = body.coupled_law() {
-        // The mixes of eigenvalues bound those of the mix.
+        // The blends of eigenvalues bound those of the blend.
         let mixed = move |node: &Node, depth: f64, which: usize| {
             let parts = node.test_points.iter().zip(node.weights);
             let of = |(t, w): (&u32, f64)| {

@@ -8,9 +8,9 @@ use std::fs;
 use std::process::{Command, Output};
 
 /// A folder with the quarter of a block: `n.csv`, `t.csv`, `p.csv`.
-struct Desk(tempfile::TempDir);
+struct TestDirectory(tempfile::TempDir);
 
-impl Desk {
+impl TestDirectory {
     fn new() -> Self {
         let size = [3, 2, 4];
         let number = |x: usize, y: usize, z: usize| (x + (size[0] + 1) * (y + (size[1] + 1) * z)) as u32;
@@ -46,7 +46,7 @@ impl Desk {
         for element in &mesh.elements {
             writeln!(table, "{}", element.map(|n| n.to_string()).join(",")).unwrap();
         }
-        Desk(tempfile::tempdir().unwrap())
+        TestDirectory(tempfile::tempdir().unwrap())
             .write("n.csv", &nodes)
             .write("t.csv", &table)
             .write("p.csv", &patch)
@@ -104,8 +104,8 @@ fn forces(run: &Value) -> Vec<[f64; 4]> {
 
 #[test]
 fn a_path_is_simulated_and_timed() {
-    let desk = Desk::new();
-    let run = desk.json(&format!("{FILES} --depth-mm 2 --steps 4"));
+    let directory = TestDirectory::new();
+    let run = directory.json(&format!("{FILES} --depth-mm 2 --steps 4"));
     let pressed = forces(&run);
     assert_eq!(pressed.iter().map(|s| s[0]).collect::<Vec<_>>(), [0.5e-3, 1e-3, 1.5e-3, 2e-3]);
     assert!(pressed.windows(2).all(|pair| pair[1][2] > pair[0][2] && pair[0][2] > 0.0), "{pressed:?}");
@@ -130,7 +130,7 @@ fn a_path_is_simulated_and_timed() {
     // Dragged, the body is mirrored, and pressing gives the same.
     for (direction, mirrored) in [("axial", [false, false, true]), ("around", [true, false, false])] {
         let drag = format!("--drag-mm 1 --drag-steps 2 --drag-direction {direction}");
-        let run = desk.json(&format!("{FILES} --depth-mm 2 --steps 4 {drag}"));
+        let run = directory.json(&format!("{FILES} --depth-mm 2 --steps 4 {drag}"));
         assert_eq!(run["mirrored"], serde_json::json!(mirrored));
         assert_eq!(run["force_factor"], 2.0);
         let states = forces(&run);
@@ -143,7 +143,7 @@ fn a_path_is_simulated_and_timed() {
         assert!(half > 0.0 && (1.9..2.1).contains(&(full / half)), "{states:?}");
     }
 
-    let text = desk.done(&format!("{FILES} --depth-mm 2 --steps 4 --drag-mm 1"));
+    let text = directory.done(&format!("{FILES} --depth-mm 2 --steps 4 --drag-mm 1"));
     for word in ["half of a body", "mirrored about z = 0", "forces × 2", "isochoric", "1e-6", "further point"]
     {
         assert!(text.contains(word), "`{word}` is not in:\n{text}");
@@ -152,9 +152,9 @@ fn a_path_is_simulated_and_timed() {
 
 #[test]
 fn laws_differ_and_agree_at_small_strain() {
-    let desk = Desk::new();
+    let directory = TestDirectory::new();
     let force = |law: &str, depth: f64| {
-        forces(&desk.json(&format!("{FILES} --depth-mm {depth} --steps 2 {law}")))[1][2]
+        forces(&directory.json(&format!("{FILES} --depth-mm {depth} --steps 2 {law}")))[1][2]
     };
     let laws = ["--model linear", "--model st-venant-kirchhoff", "--form compressible", "--form isochoric"];
     let [small, large] = [0.001, 4.0].map(|depth| laws.map(|law| force(law, depth) / depth));
@@ -171,8 +171,8 @@ fn laws_differ_and_agree_at_small_strain() {
 
 #[test]
 fn wrong_tables_are_refused_with_their_place() {
-    let desk = Desk::new();
-    let [nodes, tetrahedra, patch] = ["n.csv", "t.csv", "p.csv"].map(|name| desk.read(name));
+    let directory = TestDirectory::new();
+    let [nodes, tetrahedra, patch] = ["n.csv", "t.csv", "p.csv"].map(|name| directory.read(name));
     let first = tetrahedra.lines().nth(1).unwrap();
     let cells: Vec<&str> = first.split(',').collect();
     let replaced = |cell: usize, by: &str| {
@@ -203,17 +203,17 @@ fn wrong_tables_are_refused_with_their_place() {
         ("p.csv", patch.replace("node", "id"), &["p.csv:1", "node is missing"]),
     ];
     for (name, text, words) in cases {
-        let desk = Desk::new().write(name, text);
-        desk.refused(FILES, words);
+        let directory = TestDirectory::new().write(name, text);
+        directory.refused(FILES, words);
     }
-    desk.refused("--simulate n.csv t.csv none.csv", &["none.csv", "can't be read"]);
-    desk.refused(&format!("{FILES} --model linear --form compressible"), &["--form"]);
-    desk.refused(&format!("{FILES} --poisson-ratio 0.5"), &["--poisson-ratio:"]);
-    desk.refused(&format!("{FILES} --young-modulus-pa 0"), &["--young-modulus-pa:"]);
-    desk.refused(&format!("{FILES} --depth-mm 0"), &["--depth-mm"]);
-    desk.refused(&format!("{FILES} --steps 0"), &["--steps"]);
-    desk.refused(&format!("{FILES} --drag-mm nan"), &["--drag-mm"]);
+    directory.refused("--simulate n.csv t.csv none.csv", &["none.csv", "can't be read"]);
+    directory.refused(&format!("{FILES} --model linear --form compressible"), &["--form"]);
+    directory.refused(&format!("{FILES} --poisson-ratio 0.5"), &["--poisson-ratio:"]);
+    directory.refused(&format!("{FILES} --young-modulus-pa 0"), &["--young-modulus-pa:"]);
+    directory.refused(&format!("{FILES} --depth-mm 0"), &["--depth-mm"]);
+    directory.refused(&format!("{FILES} --steps 0"), &["--steps"]);
+    directory.refused(&format!("{FILES} --drag-mm nan"), &["--drag-mm"]);
     for usage in ["--simulate n.csv t.csv", "--depth-mm 1", &format!("{FILES} --anisotropic")] {
-        assert_eq!(desk.run(usage).status.code(), Some(2), "{usage}");
+        assert_eq!(directory.run(usage).status.code(), Some(2), "{usage}");
     }
 }

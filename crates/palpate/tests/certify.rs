@@ -3,7 +3,7 @@
 use glam::DVec3;
 use palpate::certify::{certificate, elements, floor};
 use palpate_body::shape::{Resolution, Shape};
-use palpate_body::{Body, BodyParts, NodeMix, Provenance, Response, SlipRule, Tool};
+use palpate_body::{BlendWeights, Body, BodyParts, Provenance, Response, SlipRule, Tool};
 use palpate_engine::certify::Assumptions;
 use palpate_engine::{Ablation, Contact, Flags, ToolState};
 use serde_json::Value;
@@ -135,7 +135,7 @@ fn body(shape: Shape, edge_length_mm: f64, friction: f64) -> Body {
     };
     let count = surface.positions().len() as u32;
     Body::new(BodyParts {
-        mixes: (0..count).map(NodeMix::own).collect(),
+        blends: (0..count).map(BlendWeights::own).collect(),
         responses: surface.positions().iter().map(respond).collect(),
         test_point_nodes: (0..count).collect(),
         coupled: None,

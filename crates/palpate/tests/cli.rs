@@ -17,18 +17,18 @@ struct Ran {
 }
 
 /// A folder that commands run in.
-struct Desk(tempfile::TempDir);
+struct TestDirectory(tempfile::TempDir);
 
-impl Desk {
+impl TestDirectory {
     fn new() -> Self {
-        Desk(tempfile::tempdir().unwrap())
+        TestDirectory(tempfile::tempdir().unwrap())
     }
 
     fn with_body() -> Self {
-        let desk = Desk::new();
-        desk.write("spec.toml", SPEC).write("path.csv", PATH);
-        desk.done("fit --spec spec.toml -o c.body");
-        desk
+        let directory = TestDirectory::new();
+        directory.write("spec.toml", SPEC).write("path.csv", PATH);
+        directory.done("fit --spec spec.toml -o c.body");
+        directory
     }
 
     fn path(&self, name: &str) -> PathBuf {
@@ -107,7 +107,7 @@ const PATH: &str = "# a drag\nz_m,time_s,x_m,comment,y_m\n0.001,0,0,down,0.032\n
                     0.02,0.3,0.004,along,0.027\n0.02,0.4,0.004,up,0.035\n";
 
 /// A sphere's mesh as an OBJ file in mm, and samples at its poles.
-fn mesh_and_samples(desk: &Desk) {
+fn mesh_and_samples(directory: &TestDirectory) {
     let mesh = Shape::Sphere { radius_mm: 20.0 }.mesh(Resolution::default()).unwrap();
     let mut obj = String::new();
     for p in &mesh.positions {
@@ -124,13 +124,13 @@ fn mesh_and_samples(desk: &Desk) {
             writeln!(samples, "{name},0,0,{z},lateral,{depth},{}", 300.0 * stiffness * depth).unwrap();
         }
     }
-    desk.write("sphere.obj", obj).write("samples.csv", samples);
+    directory.write("sphere.obj", obj).write("samples.csv", samples);
 }
 
 #[test]
 fn a_law_becomes_a_body_a_trace_and_tables() {
-    let desk = Desk::with_body();
-    let inspection = desk.json("inspect c.body --json --plots pictures");
+    let directory = TestDirectory::with_body();
+    let inspection = directory.json("inspect c.body --json --plots pictures");
     assert_eq!(inspection["nodes"], 288);
     assert_eq!(inspection["triangles"], 528);
     assert_eq!(inspection["test_points"], 288);
@@ -150,39 +150,39 @@ fn a_law_becomes_a_body_a_trace_and_tables() {
     assert_eq!(stiffness[12]["depth_m"], 8e-3);
     assert!((1700.0..1728.0).contains(&stiffness[12]["value"].as_f64().unwrap()));
     for picture in ["normal.png", "lateral.png", "friction.png"] {
-        assert!(fs::read(desk.path("pictures").join(picture)).unwrap().starts_with(b"\x89PNG"));
+        assert!(fs::read(directory.path("pictures").join(picture)).unwrap().starts_with(b"\x89PNG"));
     }
-    assert!(desk.done("inspect c.body").stdout.contains("mm"));
+    assert!(directory.done("inspect c.body").stdout.contains("mm"));
 
-    let summary = desk.json("trace c.body --path path.csv --rate-hz 1000 -o trace.csv --json");
+    let summary = directory.json("trace c.body --path path.csv --rate-hz 1000 -o trace.csv --json");
     assert_eq!(summary["steps"], 401);
     assert_eq!(summary["contacts"], 1);
     assert!(summary["largest_force_n"].as_f64().unwrap() > 0.5);
 
-    desk.done("export c.body --vtu c.vtu --csv tables");
-    let vtu = fs::read(desk.path("c.vtu")).unwrap();
+    directory.done("export c.body --vtu c.vtu --csv tables");
+    let vtu = fs::read(directory.path("c.vtu")).unwrap();
     let header = String::from_utf8_lossy(&vtu[..2000]).into_owned();
     assert!(header.contains(r#"NumberOfPoints="288" NumberOfCells="528""#), "{header}");
-    let rows = |name: &str| fs::read_to_string(desk.path("tables").join(name)).unwrap().lines().count();
+    let rows = |name: &str| fs::read_to_string(directory.path("tables").join(name)).unwrap().lines().count();
     assert_eq!((rows("nodes.csv"), rows("elements.csv")), (289, 529));
 
     // The exported curves are samples: fitted again they are the same body's.
     let refit =
         "fit --spec spec.toml --samples tables/curves.csv --interpolation linear -o again.body --json";
-    let again = desk.json(refit);
+    let again = directory.json(refit);
     assert_eq!(again["test_points"], 288);
     assert_eq!(again["fit"]["largest_distance_m"], 0.0);
-    let [first, again] = ["c.body", "again.body"].map(|name| Body::open(&desk.path(name)).unwrap());
+    let [first, again] = ["c.body", "again.body"].map(|name| Body::open(&directory.path(name)).unwrap());
     let ends = |body: &Body| body.curves().iter().map(|r| r.normal.value(8e-3)).collect::<Vec<_>>();
     assert!(ends(&first).iter().zip(ends(&again)).all(|(a, b)| (a - b).abs() < 1e-9));
 }
 
 #[test]
 fn an_anisotropic_body_says_so() {
-    let desk = Desk::new();
-    palpate::bench::cylinder(528, 1.9).unwrap().save(&desk.path("a.body")).unwrap();
-    palpate::bench::cylinder(528, 1.0).unwrap().save(&desk.path("i.body")).unwrap();
-    let [stretched, plain] = ["a", "i"].map(|body| desk.json(&format!("inspect {body}.body --json")));
+    let directory = TestDirectory::new();
+    palpate::bench::cylinder(528, 1.9).unwrap().save(&directory.path("a.body")).unwrap();
+    palpate::bench::cylinder(528, 1.0).unwrap().save(&directory.path("i.body")).unwrap();
+    let [stretched, plain] = ["a", "i"].map(|body| directory.json(&format!("inspect {body}.body --json")));
     assert_eq!((&stretched["anisotropic"], &plain["anisotropic"]), (&true.into(), &false.into()));
     for end in stretched["lateral_ratio"].as_array().unwrap() {
         assert!((end.as_f64().unwrap() - 1.9).abs() < 1e-9);
@@ -190,15 +190,15 @@ fn an_anisotropic_body_says_so() {
     // At depth 0 only the lateral stiffness counts: 2 · 1.9/2.9 times the mean along the stiff axis.
     let at_0 = |i: &serde_json::Value| i["stiffness_max_n_per_m"][0]["value"].as_f64().unwrap();
     assert!((at_0(&stretched) / at_0(&plain) - 3.8 / 2.9).abs() < 1e-9);
-    assert!(desk.done("inspect a.body").stdout.contains("1.9"));
+    assert!(directory.done("inspect a.body").stdout.contains("1.9"));
 
-    desk.done("export a.body --vtu a.vtu --csv tables");
-    let vtu = fs::read(desk.path("a.vtu")).unwrap();
+    directory.done("export a.body --vtu a.vtu --csv tables");
+    let vtu = fs::read(directory.path("a.vtu")).unwrap();
     let header = String::from_utf8_lossy(&vtu[..3000]).into_owned();
     for array in ["lateral_tensor_xx_yy_zz_xy_yz_xz", "lateral_ratio", "lateral_axis"] {
         assert!(header.contains(array), "{header}");
     }
-    let nodes = fs::read_to_string(desk.path("tables/nodes.csv")).unwrap();
+    let nodes = fs::read_to_string(directory.path("tables/nodes.csv")).unwrap();
     assert!(
         nodes
             .lines()
@@ -212,19 +212,22 @@ fn an_anisotropic_body_says_so() {
 
 #[test]
 fn samples_become_a_body() {
-    let desk = Desk::new();
-    mesh_and_samples(&desk);
+    let directory = TestDirectory::new();
+    mesh_and_samples(&directory);
     let fit = "fit --mesh sphere.obj --samples samples.csv --friction 0.4 -o s.body";
-    desk.refused(fit, &["sphere.obj", "unit"]);
-    let report = desk.json(&format!("{fit} --unit mm --json"));
+    directory.refused(fit, &["sphere.obj", "unit"]);
+    let report = directory.json(&format!("{fit} --unit mm --json"));
     assert_eq!(report["test_points"], 2);
     assert!((report["fit"]["largest_distance_m"].as_f64().unwrap() - 1e-4).abs() < 1e-9);
-    let ran = desk.done(&format!("{fit} --unit mm"));
+    let ran = directory.done(&format!("{fit} --unit mm"));
     assert!(ran.stdout.is_empty() && ran.stderr.contains("north"), "{}", ran.stderr);
-    let body = Body::open(&desk.path("s.body")).unwrap();
+    let body = Body::open(&directory.path("s.body")).unwrap();
     assert!((body.curves()[1].normal.value(2e-3) - 0.6).abs() < 1e-12);
     assert!((body.curves()[0].friction.value(1e-3) - 0.4).abs() < 1e-12);
-    assert!(body.nodes().iter().any(|n| n.weights.iter().all(|w| *w < 0.999)), "between the poles nodes mix");
+    assert!(
+        body.nodes().iter().any(|n| n.weights.iter().all(|w| *w < 0.999)),
+        "between the poles nodes blend"
+    );
 }
 
 /// Rows of a trace.
@@ -241,16 +244,17 @@ fn rows(path: &Path) -> Vec<Vec<f64>> {
 
 #[test]
 fn a_trace_reads_back_to_the_same_bits() {
-    let desk = Desk::with_body();
-    let body = Body::open(&desk.path("c.body")).unwrap();
+    let directory = TestDirectory::with_body();
+    let body = Body::open(&directory.path("c.body")).unwrap();
     for (flag, ablation) in [
         ("", Ablation::None),
         ("--ablate coordinates", Ablation::Coordinates),
         ("--ablate responses", Ablation::Responses),
         ("--ablate both", Ablation::Both),
     ] {
-        desk.done(&format!("trace c.body --path path.csv --rate-hz 500 -o trace.csv --slip paper {flag}"));
-        let rows = rows(&desk.path("trace.csv"));
+        directory
+            .done(&format!("trace c.body --path path.csv --rate-hz 500 -o trace.csv --slip paper {flag}"));
+        let rows = rows(&directory.path("trace.csv"));
         let path = rows.iter().map(|r| Waypoint { time_s: r[0], pose: ToolState::at([r[1], r[2], r[3]]) });
         let outputs: Vec<Output> = palpate::trace::rollout(&body, path, SlipRule::Paper, ablation).collect();
         assert_eq!(rows.len(), 201);
@@ -265,36 +269,36 @@ fn a_trace_reads_back_to_the_same_bits() {
             }
         }
     }
-    let first = fs::read(desk.path("trace.csv")).unwrap();
-    desk.done("trace c.body --path path.csv --rate-hz 500 -o trace.csv --ablate both");
-    assert!(first == fs::read(desk.path("trace.csv")).unwrap(), "a trace is deterministic");
+    let first = fs::read(directory.path("trace.csv")).unwrap();
+    directory.done("trace c.body --path path.csv --rate-hz 500 -o trace.csv --ablate both");
+    assert!(first == fs::read(directory.path("trace.csv")).unwrap(), "a trace is deterministic");
 }
 
 #[test]
 fn a_start_inside_is_told() {
-    let desk = Desk::with_body();
-    desk.write("inside.csv", "time_s,x_m,y_m,z_m\n0,0,0.028,0\n1,0,0.027,0\n");
-    assert!(desk.done("trace c.body --path inside.csv -o t.csv").stderr.contains("began inside"));
+    let directory = TestDirectory::with_body();
+    directory.write("inside.csv", "time_s,x_m,y_m,z_m\n0,0,0.028,0\n1,0,0.027,0\n");
+    assert!(directory.done("trace c.body --path inside.csv -o t.csv").stderr.contains("began inside"));
 }
 
 #[test]
 fn a_refused_output_leaves_the_old_one() {
-    let desk = Desk::with_body();
-    let before = fs::read(desk.path("c.body")).unwrap();
-    desk.write("bad.toml", "[body]\nmesh = 3\n");
-    desk.refused("fit --spec bad.toml -o c.body", &["bad.toml:2"]);
-    assert!(before == fs::read(desk.path("c.body")).unwrap());
-    desk.done("fit --spec spec.toml -o c.body");
-    assert!(before == fs::read(desk.path("c.body")).unwrap(), "the same spec gives the same bytes");
+    let directory = TestDirectory::with_body();
+    let before = fs::read(directory.path("c.body")).unwrap();
+    directory.write("bad.toml", "[body]\nmesh = 3\n");
+    directory.refused("fit --spec bad.toml -o c.body", &["bad.toml:2"]);
+    assert!(before == fs::read(directory.path("c.body")).unwrap());
+    directory.done("fit --spec spec.toml -o c.body");
+    assert!(before == fs::read(directory.path("c.body")).unwrap(), "the same spec gives the same bytes");
 }
 
 #[test]
 fn parts_for_the_simulator_are_ignored_aloud() {
-    let desk = Desk::new();
+    let directory = TestDirectory::new();
     let more = "[material]\nmodel = \"neo-hookean\"\n[test_points]\ncount = 60\n\
                 [[body.fixed]]\nhalf_space = { point_mm = [0, 0, 99], normal = [0, 0, 1] }\n";
-    desk.write("spec.toml", format!("{SPEC}{more}"));
-    let ran = desk.done("fit --spec spec.toml -o c.body");
+    directory.write("spec.toml", format!("{SPEC}{more}"));
+    let ran = directory.done("fit --spec spec.toml -o c.body");
     for part in ["[material]", "[test_points]", "[[body.fixed]]"] {
         assert!(ran.stderr.contains(part), "{}", ran.stderr);
     }
@@ -302,7 +306,7 @@ fn parts_for_the_simulator_are_ignored_aloud() {
 
 #[test]
 fn wrong_usage_exits_with_2() {
-    let desk = Desk::new();
+    let directory = TestDirectory::new();
     for args in [
         "",
         "fit",
@@ -312,21 +316,21 @@ fn wrong_usage_exits_with_2() {
         "fit --mesh a.stl --unit inch -o b",
         "trace a --slip exact",
     ] {
-        let ran = desk.run(args);
+        let ran = directory.run(args);
         assert_eq!(ran.code, 2, "{args}: {}", ran.stderr);
     }
     for command in ["fit", "inspect", "trace", "export", "bench"] {
-        let help = desk.done(&format!("{command} --help")).stdout;
+        let help = directory.done(&format!("{command} --help")).stdout;
         assert!(help.contains("Example") && help.contains("Exit status"), "{command}: {help}");
     }
 }
 
 #[test]
 fn a_reader_that_goes_away_is_no_failure() {
-    let desk = Desk::with_body();
+    let directory = TestDirectory::with_body();
     let mut child = Command::new(env!("CARGO_BIN_EXE_palpate"))
         .args(["inspect", "c.body", "--json"])
-        .current_dir(desk.0.path())
+        .current_dir(directory.0.path())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
@@ -339,10 +343,10 @@ fn a_reader_that_goes_away_is_no_failure() {
 
 #[test]
 fn bench_gives_every_regime() {
-    let desk = Desk::new();
-    let plain = desk.json("bench --triangles 528,2000 --steps 10000 --json");
-    let stretched =
-        desk.json("bench --triangles 528 --steps 10000 --slip paper,consistent,exact --anisotropic --json");
+    let directory = TestDirectory::new();
+    let plain = directory.json("bench --triangles 528,2000 --steps 10000 --json");
+    let stretched = directory
+        .json("bench --triangles 528 --steps 10000 --slip paper,consistent,exact --anisotropic --json");
     let [plain, stretched] = [&plain, &stretched].map(|d| d["results"].as_array().unwrap());
     assert_eq!((plain.len(), stretched.len()), (20, 15));
     for (i, row) in plain.iter().enumerate() {
@@ -377,7 +381,7 @@ fn spec(piece: &str, replacement: &str) -> String {
 
 #[test]
 fn wrong_specs_are_refused_with_their_line() {
-    let desk = Desk::new();
+    let directory = TestDirectory::new();
     let cases: &[(String, &[&str])] = &[
         (String::new(), &["bad.toml", "mesh nor shape"]),
         ("[body\n".into(), &["bad.toml:1"]),
@@ -417,18 +421,18 @@ fn wrong_specs_are_refused_with_their_line() {
         (format!("[body]\nunit = \"inch\"\n{SPEC}"), &["bad.toml:2", "inch"]),
     ];
     for (text, words) in cases {
-        desk.write("bad.toml", text);
-        desk.refused("fit --spec bad.toml -o out.body", words);
-        assert!(!desk.path("out.body").exists());
+        directory.write("bad.toml", text);
+        directory.refused("fit --spec bad.toml -o out.body", words);
+        assert!(!directory.path("out.body").exists());
     }
-    desk.write("bad.toml", b"[body]\n\xff\xfe");
-    desk.refused("fit --spec bad.toml -o out.body", &["bad.toml:2", "UTF-8"]);
-    desk.refused("fit --spec none.toml -o out.body", &["none.toml"]);
+    directory.write("bad.toml", b"[body]\n\xff\xfe");
+    directory.refused("fit --spec bad.toml -o out.body", &["bad.toml:2", "UTF-8"]);
+    directory.refused("fit --spec none.toml -o out.body", &["none.toml"]);
 }
 
 #[test]
 fn wrong_paths_are_refused_with_their_line() {
-    let desk = Desk::with_body();
+    let directory = TestDirectory::with_body();
     let head = "time_s,x_m,y_m,z_m\n";
     let cases: &[(String, &str)] = &[
         (String::new(), "bad.csv: it is empty"),
@@ -447,21 +451,21 @@ fn wrong_paths_are_refused_with_their_line() {
         ("time_s,x_m,y_m,z_m,qw,qx,qy,qz\n0,0,0,0,1,0.1,0,0\n".into(), "bad.csv:2: the quaternion"),
     ];
     for (text, words) in cases {
-        desk.write("bad.csv", text);
-        desk.refused("trace c.body --path bad.csv -o out.csv", &[words]);
-        assert!(!desk.path("out.csv").exists());
+        directory.write("bad.csv", text);
+        directory.refused("trace c.body --path bad.csv -o out.csv", &[words]);
+        assert!(!directory.path("out.csv").exists());
     }
-    desk.refused("trace c.body --path path.csv --rate-hz 0 -o out.csv", &["--rate-hz 0"]);
-    desk.refused("trace c.body --path path.csv -o path.csv", &["path.csv", "input"]);
-    desk.refused("trace c.body --path path.csv -o ./c.body", &["c.body", "input"]);
-    desk.refused("trace c.body --path path.csv -o no/such/folder.csv", &["no/such/folder.csv"]);
-    desk.refused("trace c.body --path missing.csv -o out.csv", &["missing.csv"]);
+    directory.refused("trace c.body --path path.csv --rate-hz 0 -o out.csv", &["--rate-hz 0"]);
+    directory.refused("trace c.body --path path.csv -o path.csv", &["path.csv", "input"]);
+    directory.refused("trace c.body --path path.csv -o ./c.body", &["c.body", "input"]);
+    directory.refused("trace c.body --path path.csv -o no/such/folder.csv", &["no/such/folder.csv"]);
+    directory.refused("trace c.body --path missing.csv -o out.csv", &["missing.csv"]);
 }
 
 #[test]
 fn wrong_samples_meshes_and_bodies_are_refused() {
-    let desk = Desk::with_body();
-    mesh_and_samples(&desk);
+    let directory = TestDirectory::with_body();
+    mesh_and_samples(&directory);
     let head = "point,x_m,y_m,z_m,component,deflection_m,value\n";
     let fit = "fit --mesh sphere.obj --unit mm --samples bad.csv -o out.body";
     for text in [
@@ -474,8 +478,8 @@ fn wrong_samples_meshes_and_bodies_are_refused() {
         format!("{head}a,0,0,0.02,normal,0.001,1\na,0,0,0.02,normal,0.002,0.5\na,0,0,0.02,lateral,0.001,1\n"),
         format!("{head}a,0,0,0.02,normal,0.001,1\n"),
     ] {
-        desk.write("bad.csv", text);
-        desk.refused(fit, &["bad.csv"]);
+        directory.write("bad.csv", text);
+        directory.refused(fit, &["bad.csv"]);
     }
     for (name, text) in [
         ("bad.obj", "v 0 0 0\nf 1 2 3\n"),
@@ -484,135 +488,136 @@ fn wrong_samples_meshes_and_bodies_are_refused() {
         ("bad.xyz", "?"),
         ("bad.ply", ""),
     ] {
-        desk.write(name, text);
-        desk.refused(&format!("fit --mesh {name} --unit mm --samples samples.csv -o out.body"), &[name]);
+        directory.write(name, text);
+        directory.refused(&format!("fit --mesh {name} --unit mm --samples samples.csv -o out.body"), &[name]);
     }
-    let good = fs::read(desk.path("c.body")).unwrap();
+    let good = fs::read(directory.path("c.body")).unwrap();
     let mut twisted = good.clone();
     let middle = twisted.len() / 2;
     twisted[middle..middle + 4000].fill(0xff);
     for bytes in [&b""[..], b"not a body", &good[..good.len() / 2], &twisted] {
-        desk.write("bad.body", bytes);
-        desk.refused("inspect bad.body", &["bad.body"]);
-        desk.refused("export bad.body --vtu out.vtu", &["bad.body"]);
-        desk.refused("trace bad.body --path path.csv -o out.csv", &["bad.body"]);
+        directory.write("bad.body", bytes);
+        directory.refused("inspect bad.body", &["bad.body"]);
+        directory.refused("export bad.body --vtu out.vtu", &["bad.body"]);
+        directory.refused("trace bad.body --path path.csv -o out.csv", &["bad.body"]);
     }
-    desk.refused("inspect .", &["."]);
-    desk.refused("fit --mesh sphere.obj --unit mm -o out.body", &["--samples"]);
-    desk.refused(
+    directory.refused("inspect .", &["."]);
+    directory.refused("fit --mesh sphere.obj --unit mm -o out.body", &["--samples"]);
+    directory.refused(
         "fit --mesh sphere.obj --unit mm --samples samples.csv -o sphere.obj",
         &["sphere.obj", "input"],
     );
-    desk.refused("fit --spec spec.toml --friction 1000 -o out.body", &["--friction"]);
-    desk.refused("bench --triangles 1", &["--triangles"]);
+    directory.refused("fit --spec spec.toml --friction 1000 -o out.body", &["--friction"]);
+    directory.refused("bench --triangles 1", &["--triangles"]);
 }
 
 #[cfg(unix)]
 #[test]
 fn an_output_is_a_file_or_refused() {
     use std::os::unix::fs::{PermissionsExt, symlink};
-    let desk = Desk::with_body();
+    let directory = TestDirectory::with_body();
     // Through a link, the file behind it is replaced and keeps its mode.
-    desk.write("real.csv", "old").write("real.body", "old");
+    directory.write("real.csv", "old").write("real.body", "old");
     for (link, real) in [("link.csv", "real.csv"), ("link.body", "real.body")] {
-        symlink(real, desk.path(link)).unwrap();
-        fs::set_permissions(desk.path(real), fs::Permissions::from_mode(0o640)).unwrap();
+        symlink(real, directory.path(link)).unwrap();
+        fs::set_permissions(directory.path(real), fs::Permissions::from_mode(0o640)).unwrap();
     }
-    desk.done("trace c.body --path path.csv -o link.csv");
-    desk.done("fit --spec spec.toml -o link.body");
+    directory.done("trace c.body --path path.csv -o link.csv");
+    directory.done("fit --spec spec.toml -o link.body");
     for (link, real) in [("link.csv", "real.csv"), ("link.body", "real.body")] {
-        assert!(desk.path(link).is_symlink());
-        assert_eq!(fs::metadata(desk.path(real)).unwrap().permissions().mode() & 0o777, 0o640);
+        assert!(directory.path(link).is_symlink());
+        assert_eq!(fs::metadata(directory.path(real)).unwrap().permissions().mode() & 0o777, 0o640);
     }
-    assert_eq!(rows(&desk.path("real.csv")).len(), 4);
-    assert_eq!(Body::open(&desk.path("real.body")).unwrap().nodes().len(), 288);
+    assert_eq!(rows(&directory.path("real.csv")).len(), 4);
+    assert_eq!(Body::open(&directory.path("real.body")).unwrap().nodes().len(), 288);
 
     // Devices and pipes take a trace; nothing else replaces them.
-    desk.done("trace c.body --path path.csv -o /dev/null");
-    desk.refused("export c.body --vtu /dev/null", &["/dev/null", "no ordinary file", "give a file's name"]);
-    desk.refused("fit --spec spec.toml -o /dev/null", &["/dev/null", "no ordinary file"]);
-    assert!(Command::new("mkfifo").arg(desk.path("pipe")).status().unwrap().success());
+    directory.done("trace c.body --path path.csv -o /dev/null");
+    directory
+        .refused("export c.body --vtu /dev/null", &["/dev/null", "no ordinary file", "give a file's name"]);
+    directory.refused("fit --spec spec.toml -o /dev/null", &["/dev/null", "no ordinary file"]);
+    assert!(Command::new("mkfifo").arg(directory.path("pipe")).status().unwrap().success());
     let reader = std::thread::spawn({
-        let pipe = desk.path("pipe");
+        let pipe = directory.path("pipe");
         move || fs::read(pipe).unwrap()
     });
-    desk.done("trace c.body --path path.csv -o pipe");
-    assert!(reader.join().unwrap() == fs::read(desk.path("real.csv")).unwrap());
-    symlink("nowhere", desk.path("dangling")).unwrap();
-    desk.refused("trace c.body --path path.csv -o dangling", &["dangling", "leads nowhere"]);
+    directory.done("trace c.body --path path.csv -o pipe");
+    assert!(reader.join().unwrap() == fs::read(directory.path("real.csv")).unwrap());
+    symlink("nowhere", directory.path("dangling")).unwrap();
+    directory.refused("trace c.body --path path.csv -o dangling", &["dangling", "leads nowhere"]);
 
     // Complaints name the output, not the temporary file.
     for args in ["trace c.body --path path.csv -o no/t.csv", "fit --spec spec.toml -o no/t.body"] {
-        desk.refused(args, &["no/t."]);
-        assert!(!desk.run(args).stderr.contains(".tmp"), "{}", desk.run(args).stderr);
+        directory.refused(args, &["no/t."]);
+        assert!(!directory.run(args).stderr.contains(".tmp"), "{}", directory.run(args).stderr);
     }
     if Path::new("/dev/full").exists() {
-        desk.refused("trace c.body --path path.csv -o /dev/full", &["/dev/full: can't be written"]);
+        directory.refused("trace c.body --path path.csv -o /dev/full", &["/dev/full: can't be written"]);
     }
-    fs::create_dir_all(desk.path("plots/normal.png")).unwrap();
-    desk.refused("inspect c.body --plots plots", &["normal.png", "folder"]);
+    fs::create_dir_all(directory.path("plots/normal.png")).unwrap();
+    directory.refused("inspect c.body --plots plots", &["normal.png", "folder"]);
 }
 
 #[test]
 fn outputs_are_no_inputs_and_not_each_other() {
-    let desk = Desk::with_body();
-    let body = fs::read(desk.path("c.body")).unwrap();
-    fs::create_dir(desk.path("d")).unwrap();
+    let directory = TestDirectory::with_body();
+    let body = fs::read(directory.path("c.body")).unwrap();
+    fs::create_dir(directory.path("d")).unwrap();
     for name in ["nodes.csv", "elements.csv", "curves.csv"] {
-        desk.write(&format!("d/{name}"), &body);
-        desk.refused(&format!("export d/{name} --csv d"), &[name, "input"]);
+        directory.write(&format!("d/{name}"), &body);
+        directory.refused(&format!("export d/{name} --csv d"), &[name, "input"]);
     }
-    desk.write("d/friction.png", &body);
-    desk.refused("inspect d/friction.png --plots d", &["friction.png", "input"]);
-    desk.refused("export c.body --vtu new/curves.csv --csv new", &["curves.csv", "also the output"]);
-    desk.refused("export c.body --vtu ./new/../c.body", &["c.body"]);
-    assert!(!desk.path("new").exists());
+    directory.write("d/friction.png", &body);
+    directory.refused("inspect d/friction.png --plots d", &["friction.png", "input"]);
+    directory.refused("export c.body --vtu new/curves.csv --csv new", &["curves.csv", "also the output"]);
+    directory.refused("export c.body --vtu ./new/../c.body", &["c.body"]);
+    assert!(!directory.path("new").exists());
     for file in ["c.body", "d/nodes.csv", "d/friction.png"] {
-        assert!(body == fs::read(desk.path(file)).unwrap(), "{file}");
+        assert!(body == fs::read(directory.path(file)).unwrap(), "{file}");
     }
 }
 
 #[test]
 fn a_resampled_path_keeps_its_end() {
-    let desk = Desk::with_body();
-    desk.write("short.csv", "time_s,x_m,y_m,z_m\n0,0,0.04,0\n0.0105,0,0.035,0\n");
-    desk.done("trace c.body --path short.csv --rate-hz 1000 -o t.csv");
-    let rows = rows(&desk.path("t.csv"));
+    let directory = TestDirectory::with_body();
+    directory.write("short.csv", "time_s,x_m,y_m,z_m\n0,0,0.04,0\n0.0105,0,0.035,0\n");
+    directory.done("trace c.body --path short.csv --rate-hz 1000 -o t.csv");
+    let rows = rows(&directory.path("t.csv"));
     assert_eq!(rows.len(), 12);
     assert_eq!(rows[11][..4], [0.0105, 0.0, 0.035, 0.0]);
     for rate in ["nan", "inf", "0", "-5"] {
         let args = format!("trace c.body --path short.csv --rate-hz={rate} -o t.csv");
-        desk.refused(&args, &[&format!("--rate-hz {}", rate.replace("nan", "NaN")), "above 0 Hz"]);
+        directory.refused(&args, &[&format!("--rate-hz {}", rate.replace("nan", "NaN")), "above 0 Hz"]);
     }
 }
 
 #[test]
 fn a_trace_tells_of_snaps_and_extrapolation() {
-    let desk = Desk::with_body();
+    let directory = TestDirectory::with_body();
     // Deep: past the axis the surface's curvature leaves the contact point no stable place.
-    desk.write(
+    directory.write(
         "deep.csv",
         "time_s,x_m,y_m,z_m\n0,0.0005,0.032,0.001\n1,0.0005,0.027,0.001\n2,0.004,-0.01,0.001\n",
     );
     let trace = "trace c.body --path deep.csv --rate-hz 100 -o t.csv";
-    let summary = desk.json(&format!("{trace} --json"));
+    let summary = directory.json(&format!("{trace} --json"));
     assert!(summary["snap_steps"].as_u64().unwrap() > 0, "{summary}");
     assert!(summary["extrapolated_steps"].as_u64().unwrap() > 0, "{summary}");
-    let told = desk.done(trace).stderr;
+    let told = directory.done(trace).stderr;
     for words in ["a snap", "docs/model.md), first at t = ", "8 mm", "extrapolated", "1 contact,"] {
         assert!(told.contains(words), "`{words}` is not in: {told}");
     }
 
-    let summary = desk.json("trace c.body --path path.csv --rate-hz 1000 -o t.csv --json");
+    let summary = directory.json("trace c.body --path path.csv --rate-hz 1000 -o t.csv --json");
     assert_eq!((&summary["snap_steps"], &summary["extrapolated_steps"]), (&0.into(), &0.into()));
-    let told = desk.done("trace c.body --path path.csv --rate-hz 1000 -o t.csv").stderr;
+    let told = directory.done("trace c.body --path path.csv --rate-hz 1000 -o t.csv").stderr;
     assert!(
         !told.contains("snap") && !told.contains("extrapolated") && told.contains("1 contact,"),
         "{told}"
     );
 
-    desk.write("far.csv", "time_s,x_m,y_m,z_m\n0,0.001,0.04,0.001\n1,0.001,0.5,0.001\n");
-    let told = desk.done("trace c.body --path far.csv -o t.csv").stderr;
+    directory.write("far.csv", "time_s,x_m,y_m,z_m\n0,0.001,0.04,0.001\n1,0.001,0.5,0.001\n");
+    let told = directory.done("trace c.body --path far.csv -o t.csv").stderr;
     assert!(
         told.contains("nothing was touched") && told.contains("closer than 10.") && told.contains("unit"),
         "{told}"
@@ -621,23 +626,23 @@ fn a_trace_tells_of_snaps_and_extrapolation() {
 
 #[test]
 fn a_contact_that_ends_at_the_border_did_not_begin_inside() {
-    let desk = Desk::with_body();
+    let directory = TestDirectory::with_body();
     let path =
         "time_s,x_m,y_m,z_m\n0,0.001,0.032,0.04\n1,0.001,0.026,0.04\n2,0.001,0.026,0.07\n3,0.001,0.026,0\n";
-    desk.write("over.csv", path);
-    let told = desk.done("trace c.body --path over.csv --rate-hz 1000 -o t.csv").stderr;
+    directory.write("over.csv", path);
+    let told = directory.done("trace c.body --path over.csv --rate-hz 1000 -o t.csv").stderr;
     assert!(told.contains("1 contact ended at the surface's border"), "{told}");
     assert!(!told.contains("began inside"), "{told}");
 }
 
 #[test]
 fn fit_tells_of_folds_and_refuses_what_cannot_be() {
-    let desk = Desk::new();
-    mesh_and_samples(&desk);
+    let directory = TestDirectory::new();
+    mesh_and_samples(&directory);
     let fit = "fit --mesh sphere.obj --unit mm --samples samples.csv --friction 0.3 -o s.body";
-    assert!(!desk.done(fit).stderr.contains("folded"));
+    assert!(!directory.done(fit).stderr.contains("folded"));
     // One vertex pushed past its neighbours along the surface.
-    let obj = fs::read_to_string(desk.path("sphere.obj")).unwrap();
+    let obj = fs::read_to_string(directory.path("sphere.obj")).unwrap();
     let mut positions: Vec<[f64; 3]> = Vec::new();
     for line in obj.lines().filter_map(|l| l.strip_prefix("v ")) {
         let v: Vec<f64> = line.split(' ').map(|x| x.parse().unwrap()).collect();
@@ -650,22 +655,23 @@ fn fit_tells_of_folds_and_refuses_what_cannot_be() {
     positions[start] = aside.map(|c| 20.0 * c / length);
     let vertices = positions.iter().map(|[x, y, z]| format!("v {x} {y} {z}\n"));
     let faces = obj.lines().filter(|l| l.starts_with("f ")).map(|l| format!("{l}\n"));
-    desk.write("sphere.obj", vertices.chain(faces).collect::<String>());
-    let told = desk.done(fit).stderr;
+    directory.write("sphere.obj", vertices.chain(faces).collect::<String>());
+    let told = directory.done(fit).stderr;
     assert!(told.contains("folded back, first triangle ") && told.contains("mesh editor"), "{told}");
 
-    let samples = fs::read_to_string(desk.path("samples.csv")).unwrap();
-    desk.write("bad.csv", format!("{samples}north,0,0,0.0201,friction,0.001,101\n"));
+    let samples = fs::read_to_string(directory.path("samples.csv")).unwrap();
+    directory.write("bad.csv", format!("{samples}north,0,0,0.0201,friction,0.001,101\n"));
     let bad = fit.replace("samples.csv", "bad.csv");
-    desk.refused(&bad, &["bad.csv: line 14", "101", "between 0 and 100"]);
-    desk.write("bad.csv", samples.replace("0,0,0.0201,", "0,0,34.6,"));
-    desk.refused(
+    directory.refused(&bad, &["bad.csv: line 14", "101", "between 0 and 100"]);
+    directory.write("bad.csv", samples.replace("0,0,0.0201,", "0,0,34.6,"));
+    directory.refused(
         &bad,
         &["bad.csv: line 2 (point `north`)", "34.580 m from the mesh", "the unit and the frame"],
     );
-    desk.write("bad.csv", samples.replace(',', ";"));
-    desk.refused(&bad, &["bad.csv", "not semicolons"]);
-    desk.write("bad.csv", [samples.as_bytes(), b"\xff\n"].concat());
-    desk.refused(&bad, &["bad.csv: line 14", "UTF-8"]);
-    desk.refused("fit --mesh tissue.msh --unit mm --samples samples.csv -o s.body", &["tissue.msh", "Gmsh"]);
+    directory.write("bad.csv", samples.replace(',', ";"));
+    directory.refused(&bad, &["bad.csv", "not semicolons"]);
+    directory.write("bad.csv", [samples.as_bytes(), b"\xff\n"].concat());
+    directory.refused(&bad, &["bad.csv: line 14", "UTF-8"]);
+    directory
+        .refused("fit --mesh tissue.msh --unit mm --samples samples.csv -o s.body", &["tissue.msh", "Gmsh"]);
 }

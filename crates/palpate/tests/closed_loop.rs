@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Desk, said};
+use common::{TestDirectory, said};
 use serde_json::Value;
 use std::fs;
 use std::process::Output;
@@ -11,7 +11,7 @@ fn simulated(args: &str) -> String {
     format!("run block.body --device simulated --virtual-time {args}")
 }
 
-impl Desk {
+impl TestDirectory {
     fn simulated(&self, args: &str) -> Output {
         self.run(&simulated(args))
     }
@@ -24,9 +24,9 @@ impl Desk {
 /// Every built-in intent touches, keeps the books, and stays within the sampling bound; a run repeats to the byte.
 #[test]
 fn built_in_intents_touch_and_keep_the_books() {
-    let desk = Desk::new(10);
+    let directory = TestDirectory::new(10);
     for intent in ["press", "drag", "circle", "tap", "hold"] {
-        let run = desk.json(&format!("--intent {intent} --record {intent}.csv"));
+        let run = directory.json(&format!("--intent {intent} --record {intent}.csv"));
         let number = |path: &str| run.pointer(path).and_then(Value::as_f64).unwrap();
         assert!(number("/contacts") >= 1.0 && number("/largest_force_n") > 0.1, "{intent}: {run}");
         let ledger = number("/energy/work_j") - number("/energy/stored_j") - number("/energy/dissipated_j");
@@ -41,61 +41,63 @@ fn built_in_intents_touch_and_keep_the_books() {
         // On a flat face slip never raises W.
         assert!(number("/out_j") + number("/energy/stored_j") <= number("/sampling_bound_j"), "{intent}");
         assert_eq!(run["limit_cycles"], Value::Array(Vec::new()), "{intent}");
-        let first = fs::read(desk.path(&format!("{intent}.csv"))).unwrap();
+        let first = fs::read(directory.path(&format!("{intent}.csv"))).unwrap();
         assert!(first.starts_with(b"time_s,x_m,") && first.len() > 100_000);
-        desk.json(&format!("--intent {intent} --record again.csv"));
-        assert!(first == fs::read(desk.path("again.csv")).unwrap(), "{intent} repeats");
+        directory.json(&format!("--intent {intent} --record again.csv"));
+        assert!(first == fs::read(directory.path("again.csv")).unwrap(), "{intent} repeats");
     }
 }
 
 /// The bench tool without a hand, pushed by 1 N and 2 N: MODEL's quiet and cycling stiffness, from a file.
 #[test]
 fn a_file_of_pushes_cycles_or_not() {
-    let desk = Desk::new(10);
+    let directory = TestDirectory::new(10);
     let push = |force: f64| {
         let text = format!(
             "[start]\nclearance_mm = 0\n[[move]]\nkind = \"push\"\nforce_n = {force}\nseconds = 1\n\
              [[move]]\nkind = \"hold\"\nseconds = 40\n"
         );
-        desk.write("push.toml", &text);
-        desk.json("--preset bench --hand none --intent push.toml")
+        directory.write("push.toml", &text);
+        directory.json("--preset bench --hand none --intent push.toml")
     };
     let (quiet, cycling) = (push(1.0), push(2.0));
     assert_eq!(quiet["limit_cycles"].as_array().unwrap().len(), 0, "{quiet}");
     let cycle = &cycling["limit_cycles"][0];
     assert!(cycle["amplitude_m"].as_f64().unwrap() > 1e-3, "{cycling}");
     assert_eq!(quiet["sampled_data"]["passive_up_to_n_per_m"].as_f64().unwrap().round(), 600.0);
-    // Either stage mends it.
+    // Either stage repairs it.
     for stage in ["--passivity", "--coupling-n-per-m 1000"] {
-        let mended = desk.json(&format!("--preset bench --hand none --intent push.toml {stage}"));
-        assert_eq!(mended["limit_cycles"].as_array().unwrap().len(), 0, "{stage}: {mended}");
+        let repaired = directory.json(&format!("--preset bench --hand none --intent push.toml {stage}"));
+        assert_eq!(repaired["limit_cycles"].as_array().unwrap().len(), 0, "{stage}: {repaired}");
     }
-    assert!(said(&desk.simulated("--preset bench --hand none --intent push.toml")).contains("limit cycle"));
+    assert!(
+        said(&directory.simulated("--preset bench --hand none --intent push.toml")).contains("limit cycle")
+    );
 }
 
 /// Through a virtual coupling the device meets less than the body's stiffness, and is warned of that.
 #[test]
 fn a_coupling_is_in_series() {
-    let desk = Desk::new(10);
+    let directory = TestDirectory::new(10);
     let text = "[start]\nclearance_mm = 0\n[[move]]\nkind = \"push\"\nforce_n = 2\nseconds = 1\n";
-    desk.write("push.toml", text);
+    directory.write("push.toml", text);
     let words = |more: &str| format!("--preset bench --hand none --intent push.toml {more}");
     let number = |run: &Value, key: &str| run["sampled_data"][key].as_f64().unwrap();
-    let bare = desk.json(&words(""));
+    let bare = directory.json(&words(""));
     assert!(number(&bare, "met_n_per_m") == number(&bare, "stiffness_max_n_per_m"), "{bare}");
-    assert!(said(&desk.simulated(&words(""))).contains("keeps a loop of 1000 Hz passive up to 600"));
-    let coupled = desk.json(&words("--coupling-n-per-m 1000"));
+    assert!(said(&directory.simulated(&words(""))).contains("keeps a loop of 1000 Hz passive up to 600"));
+    let coupled = directory.json(&words("--coupling-n-per-m 1000"));
     let k = number(&coupled, "stiffness_max_n_per_m");
     assert!(k > 600.0, "{coupled}");
     assert!((number(&coupled, "met_n_per_m") - k * 1e3 / (k + 1e3)).abs() < 1e-9, "{coupled}");
-    let told = said(&desk.simulated(&words("--coupling-n-per-m 1000")));
+    let told = said(&directory.simulated(&words("--coupling-n-per-m 1000")));
     assert!(!told.contains("passive up to"), "{told}");
 }
 
 #[test]
 fn complaints_say_where() {
-    let desk = Desk::new(10);
-    let refused = |args: &str, code, words: &[&str]| desk.refused(&simulated(args), code, words);
+    let directory = TestDirectory::new(10);
+    let refused = |args: &str, code, words: &[&str]| directory.refused(&simulated(args), code, words);
     refused("--intent wave", 1, &["--intent wave", "press, drag"]);
     refused("--intent none.toml", 1, &["none.toml"]);
     refused("--preset pencil", 2, &["pencil"]);
@@ -104,7 +106,7 @@ fn complaints_say_where() {
     refused("--coupling-n-per-m 0", 1, &["--coupling-n-per-m"]);
     refused("--record block.body", 1, &["block.body", "input"]);
     // A built-in intent is no file, so that its name is free for one.
-    assert!(desk.simulated("--intent drag --seconds 0.01 --record drag").status.success());
+    assert!(directory.simulated("--intent drag --seconds 0.01 --record drag").status.success());
     let wrong = [
         ("[[move]]\nkind = \"press\"\nseconds = 1\n", "depth_mm"),
         ("[[move]]\nkind = \"wave\"\nseconds = 1\n", "wave"),
@@ -129,7 +131,7 @@ fn complaints_say_where() {
         ),
     ];
     for (text, word) in wrong {
-        desk.write("wrong.toml", text);
+        directory.write("wrong.toml", text);
         refused("--intent wrong.toml", 1, &[word]);
     }
     // What would never end, or sum to infinity, in the simulated tool.
@@ -144,15 +146,15 @@ fn complaints_say_where() {
         ("max_force_n", "nan"),
     ] {
         let text = format!("[device]\n{key} = {value}\n[[move]]\nkind = \"hold\"\nseconds = 1\n");
-        desk.write("wrong.toml", &text);
+        directory.write("wrong.toml", &text);
         refused("--intent wrong.toml", 1, &[&format!("wrong.toml:2: {key} is"), "; give"]);
     }
     // Each is a number, but not together.
-    desk.write("wrong.toml", "[device]\nmass_kg = 1e-6\n[[move]]\nkind = \"hold\"\nseconds = 1\n");
+    directory.write("wrong.toml", "[device]\nmass_kg = 1e-6\n[[move]]\nkind = \"hold\"\nseconds = 1\n");
     refused("--intent wrong.toml --hand none --preset omega", 1, &["moving mass", "more mass"]);
-    desk.write("wrong.toml", "[device]\ndelay_ms = 100\n[[move]]\nkind = \"hold\"\nseconds = 1\n");
+    directory.write("wrong.toml", "[device]\ndelay_ms = 100\n[[move]]\nkind = \"hold\"\nseconds = 1\n");
     refused("--intent wrong.toml", 1, &["64 periods", "--rate-hz"]);
-    assert_eq!(desk.run("run block.body --device nonsense").status.code(), Some(2));
-    let help = desk.run("run --help");
+    assert_eq!(directory.run("run block.body --device nonsense").status.code(), Some(2));
+    let help = directory.run("run --help");
     assert!(String::from_utf8_lossy(&help.stdout).contains("Examples:"));
 }

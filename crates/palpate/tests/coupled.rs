@@ -4,13 +4,13 @@ mod common;
 #[path = "../../palpate-body/tests/support/coupled.rs"]
 mod potentials;
 
-use common::Desk;
+use common::TestDirectory;
 use palpate_body::{Body, BodyParts, CoupledLaw, Potential};
 
 /// A block with a coupled law of 4 test points, `coupled.body`.
-fn desk() -> Desk {
-    let desk = Desk::new(10);
-    let mut parts = Body::open(&desk.path("block.body")).unwrap().parts();
+fn directory() -> TestDirectory {
+    let directory = TestDirectory::new(10);
+    let mut parts = Body::open(&directory.path("block.body")).unwrap().parts();
     let nodes = parts.surface.inward_normals().to_vec();
     let potential = |n: u32| {
         let u = nodes[n as usize];
@@ -22,19 +22,19 @@ fn desk() -> Desk {
         range_m: potentials::RANGE,
         potentials: parts.test_point_nodes.iter().map(|&n| potential(n)).collect(),
     };
-    for (n, mix) in parts.mixes.iter_mut().enumerate() {
+    for (n, blend) in parts.blends.iter_mut().enumerate() {
         let first = n as u32 % 4;
-        (mix.test_points, mix.weights) = ([first, (first + 1) % 4, first], [0.75, 0.25, 0.0]);
+        (blend.test_points, blend.weights) = ([first, (first + 1) % 4, first], [0.75, 0.25, 0.0]);
     }
     let body = Body::new(BodyParts { responses: Vec::new(), coupled: Some(law), ..parts }).unwrap();
-    body.save(&desk.path("coupled.body")).unwrap();
-    desk
+    body.save(&directory.path("coupled.body")).unwrap();
+    directory
 }
 
 #[test]
 fn inspect_tells_the_law() {
-    let desk = desk();
-    let output = desk.done("inspect coupled.body --json --plots pictures");
+    let directory = directory();
+    let output = directory.done("inspect coupled.body --json --plots pictures");
     let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((&found["law"], &found["test_points"]), (&"coupled".into(), &4.into()));
     let [low, high] = [0, 1].map(|i| found["coupled"]["stiffness_n_per_m"][i].as_f64().unwrap());
@@ -50,9 +50,9 @@ fn inspect_tells_the_law() {
         assert!(found["ranges"][key][0].as_f64().unwrap() > 0.0, "{key}: {}", found["ranges"]);
     }
     for picture in ["normal.png", "stiffness.png", "lateral.png"] {
-        assert!(desk.path("pictures").join(picture).exists(), "{picture}");
+        assert!(directory.path("pictures").join(picture).exists(), "{picture}");
     }
-    let text = |args: &str| String::from_utf8(desk.done(args).stdout).unwrap();
+    let text = |args: &str| String::from_utf8(directory.done(args).stdout).unwrap();
     let (text, decoupled) = (text("inspect coupled.body"), text("inspect block.body"));
     assert!(text.contains("coupled") && text.contains("K, its eigenvalues"), "{text}");
     assert!(decoupled.contains("decoupled") && !decoupled.contains("eigenvalues"), "{decoupled}");
@@ -60,13 +60,13 @@ fn inspect_tells_the_law() {
 
 #[test]
 fn potentials_are_exported() {
-    let desk = desk();
-    desk.done("export coupled.body --csv tables --vtu coupled.vtu");
-    let text = std::fs::read_to_string(desk.path("tables").join("potentials.csv")).unwrap();
+    let directory = directory();
+    directory.done("export coupled.body --csv tables --vtu coupled.vtu");
+    let text = std::fs::read_to_string(directory.path("tables").join("potentials.csv")).unwrap();
     let mut rows = text.lines().map(|row| row.split(',').collect::<Vec<_>>());
     let columns = rows.next().unwrap();
     let column = |name: &str| columns.iter().position(|c| *c == name).unwrap();
-    let body = Body::open(&desk.path("coupled.body")).unwrap();
+    let body = Body::open(&directory.path("coupled.body")).unwrap();
     let law = body.coupled_law().unwrap();
     let mut count = 0;
     for row in rows {
@@ -82,16 +82,16 @@ fn potentials_are_exported() {
         count += 1;
     }
     assert_eq!(count, 4 * (8 * (potentials::KNOTS.len() - 1) + 1));
-    assert!(!desk.path("tables").join("curves.csv").exists());
-    let grid = std::fs::read(desk.path("coupled.vtu")).unwrap();
+    assert!(!directory.path("tables").join("curves.csv").exists());
+    let grid = std::fs::read(directory.path("coupled.vtu")).unwrap();
     let head = String::from_utf8_lossy(&grid[..8000.min(grid.len())]).into_owned();
     assert!(head.contains("k_greatest_at_full_depth_n_per_m"), "{head}");
-    let nodes = std::fs::read_to_string(desk.path("tables").join("nodes.csv")).unwrap();
+    let nodes = std::fs::read_to_string(directory.path("tables").join("nodes.csv")).unwrap();
     assert_eq!(nodes.lines().count(), body.nodes().len() + 1);
 }
 
 #[test]
 fn certificates_say_that_they_are_not_there_yet() {
-    let desk = desk();
-    desk.refused("certify coupled.body", 1, &["coupled potential", "not proved yet"]);
+    let directory = directory();
+    directory.refused("certify coupled.body", 1, &["coupled potential", "not proved yet"]);
 }

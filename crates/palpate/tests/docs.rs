@@ -43,13 +43,13 @@ fn copy(from: &Path, to: &Path) {
 fn every_command_runs() {
     let mut ran = 0;
     for name in ["README.md", "docs/commands.md", "docs/spec.md"] {
-        let desk = tempfile::tempdir().unwrap();
-        copy(&root().join("examples"), &desk.path().join("examples"));
+        let directory = tempfile::tempdir().unwrap();
+        copy(&root().join("examples"), &directory.path().join("examples"));
         for line in blocks(&read(name), "sh").into_iter().flatten() {
             let Some(args) = line.strip_prefix("palpate ") else { continue };
             let output = Command::new(env!("CARGO_BIN_EXE_palpate"))
                 .args(args.split_whitespace())
-                .current_dir(desk.path())
+                .current_dir(directory.path())
                 .output()
                 .unwrap();
             let complaint = String::from_utf8_lossy(&output.stderr);

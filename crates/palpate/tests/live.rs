@@ -5,10 +5,10 @@
 
 mod common;
 
-use common::{Desk, said, spec};
+use common::{TestDirectory, said, spec};
 use glam::DVec3;
-use palpate::intent::Intent;
-use palpate::live::{self, Hold, Place, Plan};
+use palpate::intent::MotionScript;
+use palpate::live::{self, Hold, LivePlan, Place};
 use palpate_body::Body;
 use palpate_device::{Capabilities, Device, Fault, OpenError, Sample, presets};
 use palpate_engine::{Ablation, Flags};
@@ -40,13 +40,13 @@ seconds = 60
 const CALM: &str = "--priority 0 --late-ms 10000 --stale-ms 10000 --soft-start-s 0.05";
 
 /// The desk, with `intent.toml`.
-fn desk() -> Desk {
-    let desk = Desk::new(4);
-    desk.write("intent.toml", INTENT);
-    desk
+fn directory() -> TestDirectory {
+    let directory = TestDirectory::new(4);
+    directory.write("intent.toml", INTENT);
+    directory
 }
 
-impl Desk {
+impl TestDirectory {
     /// A loop with a simulated device; the last line for each device.
     fn live(&self, args: &str) -> Vec<Value> {
         let devices = args.matches("--device").count();
@@ -92,10 +92,10 @@ fn touches(record: &&Record) -> bool {
 /// Run, trace to the same bits, export, and run again from the recording and from a path.
 #[test]
 fn a_recording_is_traced_exported_and_replayed() {
-    let desk = desk();
-    let last = desk.live("--device simulated --seconds 1.2 --record a.rec");
+    let directory = directory();
+    let last = directory.live("--device simulated --seconds 1.2 --record a.rec");
     assert_eq!((&last[0]["end"], &last[0]["well"]), (&"the time is over".into(), &true.into()));
-    let (records, ending) = desk.records("a.rec");
+    let (records, ending) = directory.records("a.rec");
     assert!(matches!(ending, Ending::Clean { ref reason, dropped: 0 } if reason == "the time is over"));
     assert_eq!(last[0]["recorded"], records.len());
     assert_eq!(last[0]["statistics"]["periods"], records.len());
@@ -103,28 +103,28 @@ fn a_recording_is_traced_exported_and_replayed() {
     let end = records.last().unwrap();
     assert_eq!((end.command_force_n, end.tool()), ([0.0; 3], None));
 
-    let traced = desk.done("trace block.body --path a.rec -o a.csv --json");
+    let traced = directory.done("trace block.body --path a.rec -o a.csv --json");
     assert!(said(&traced).contains("the same bits"), "{}", said(&traced));
     let steps = records.iter().filter(|r| r.tool().is_some()).count();
-    assert_eq!(fs::read_to_string(desk.path("a.csv")).unwrap().lines().count(), 1 + steps);
+    assert_eq!(fs::read_to_string(directory.path("a.csv")).unwrap().lines().count(), 1 + steps);
     let summary: Value = serde_json::from_slice(&traced.stdout).unwrap();
     assert_eq!(summary["steps"], steps);
 
-    desk.done("export a.rec --csv tables");
-    let periods = fs::read_to_string(desk.path("tables/periods.csv")).unwrap();
+    directory.done("export a.rec --csv tables");
+    let periods = fs::read_to_string(directory.path("tables/periods.csv")).unwrap();
     assert_eq!(periods.lines().count(), 1 + records.len());
     let about: Value =
-        serde_json::from_slice(&fs::read(desk.path("tables/recording.json")).unwrap()).unwrap();
+        serde_json::from_slice(&fs::read(directory.path("tables/recording.json")).unwrap()).unwrap();
     assert_eq!((&about["device"], about["rate_hz"].as_f64()), (&last[0]["device"], Some(1000.0)));
 
     let ended: Value = "the device's poses are at their end".into();
-    let again = &desk.live("--device replay:a.rec --record again.rec")[0];
+    let again = &directory.live("--device replay:a.rec --record again.rec")[0];
     assert_eq!(again["end"], ended);
     assert!(again["statistics"]["periods_in_contact"].as_u64().unwrap() > 50, "{again}");
-    desk.done("trace block.body --path again.rec -o again.csv");
-    let body = Body::open(&desk.path("block.body")).unwrap();
+    directory.done("trace block.body --path again.rec -o again.csv");
+    let body = Body::open(&directory.path("block.body")).unwrap();
     let top = body.point(body.first_touch(DVec3::Z, -DVec3::Z, 0.0).unwrap().at).z;
-    desk.write(
+    directory.write(
         "path.csv",
         &format!(
             "time_s,x_m,y_m,z_m\n0,0,0,{}\n0.1,0,0,{}\n0.4,0.01,0,{}\n",
@@ -133,22 +133,23 @@ fn a_recording_is_traced_exported_and_replayed() {
             top - 4e-3
         ),
     );
-    let along = &desk.live("--device replay:path.csv --record path.rec")[0];
+    let along = &directory.live("--device replay:path.csv --record path.rec")[0];
     assert_eq!(along["end"], ended);
-    let deepest = desk.records("path.rec").0.iter().map(|r| r.delta_z_m).fold(0.0, f64::max);
+    let deepest = directory.records("path.rec").0.iter().map(|r| r.delta_z_m).fold(0.0, f64::max);
     assert!((deepest - 4e-3).abs() < 1e-4, "{deepest}");
 }
 
 /// Other bits than recorded end with status 3, another body with 1; what is whole of a damaged or cut recording is traced.
 #[test]
 fn what_was_changed_is_found_and_what_was_cut_is_traced_up_to_there() {
-    let desk = desk();
-    desk.live("--device simulated --seconds 0.6 --record a.rec");
-    let (records, _) = desk.records("a.rec");
+    let directory = directory();
+    directory.live("--device simulated --seconds 0.6 --record a.rec");
+    let (records, _) = directory.records("a.rec");
     let touched = records.iter().position(|r| r.engine().has(Flags::IN_CONTACT)).unwrap();
-    let header = Recording::open(&desk.path("a.rec")).unwrap().header().clone();
+    let header = Recording::open(&directory.path("a.rec")).unwrap().header().clone();
     // One force, by one bit, with a checksum that fits.
-    let mut file = RecordingFile::begin(fs::File::create(desk.path("force.rec")).unwrap(), &header).unwrap();
+    let mut file =
+        RecordingFile::begin(fs::File::create(directory.path("force.rec")).unwrap(), &header).unwrap();
     for (i, record) in records.iter().enumerate() {
         let mut record = *record;
         if i == touched {
@@ -157,72 +158,75 @@ fn what_was_changed_is_found_and_what_was_cut_is_traced_up_to_there() {
         file.write(&record).unwrap();
     }
     file.end("it was changed", records.len() as u64, 0).unwrap();
-    let output = desk.run("trace block.body --path force.rec -o force.csv");
+    let output = directory.run("trace block.body --path force.rec -o force.csv");
     assert_eq!(output.status.code(), Some(3));
     let time = records[touched].time_s;
     assert!(said(&output).contains("force.rec: 1 of "), "{}", said(&output));
     assert!(said(&output).contains(&format!("the first at {time} s")), "{}", said(&output));
 
-    let bytes = fs::read(desk.path("a.rec")).unwrap();
+    let bytes = fs::read(directory.path("a.rec")).unwrap();
     let start = bytes.len() - (records.len() + 1) * Record::BYTES;
     let mut damaged = bytes.clone();
     damaged[start + 200 * Record::BYTES + 100] ^= 1;
-    fs::write(desk.path("damaged.rec"), damaged).unwrap();
-    fs::write(desk.path("cut.rec"), &bytes[..start + 300 * Record::BYTES + 50]).unwrap();
+    fs::write(directory.path("damaged.rec"), damaged).unwrap();
+    fs::write(directory.path("cut.rec"), &bytes[..start + 300 * Record::BYTES + 50]).unwrap();
     for (name, whole, words) in [
         ("damaged", 200, "damaged from record 200 on"),
         ("cut", 300, "cut off, with 50 bytes of a record begun"),
     ] {
-        let traced = desk.done(&format!("trace block.body --path {name}.rec -o {name}.csv"));
+        let traced = directory.done(&format!("trace block.body --path {name}.rec -o {name}.csv"));
         assert!(
             said(&traced).contains(words) && said(&traced).contains("the same bits"),
             "{}",
             said(&traced)
         );
         let steps = records[..whole].iter().filter(|r| r.tool().is_some()).count();
-        assert_eq!(fs::read_to_string(desk.path(&format!("{name}.csv"))).unwrap().lines().count(), 1 + steps);
-        let exported = desk.done(&format!("export {name}.rec --csv {name}"));
+        assert_eq!(
+            fs::read_to_string(directory.path(&format!("{name}.csv"))).unwrap().lines().count(),
+            1 + steps
+        );
+        let exported = directory.done(&format!("export {name}.rec --csv {name}"));
         assert!(said(&exported).contains(words));
     }
-    fs::write(desk.path("header.rec"), &bytes[..1000]).unwrap();
-    desk.refused("trace block.body --path header.rec -o none.csv", 1, &["header.rec: "]);
+    fs::write(directory.path("header.rec"), &bytes[..1000]).unwrap();
+    directory.refused("trace block.body --path header.rec -o none.csv", 1, &["header.rec: "]);
 
-    desk.write("spec.toml", &spec(4).replace("600", "601"));
-    desk.done("fit --spec spec.toml -o other.body");
-    desk.refused(
+    directory.write("spec.toml", &spec(4).replace("600", "601"));
+    directory.done("fit --spec spec.toml -o other.body");
+    directory.refused(
         "trace other.body --path a.rec -o none.csv",
         1,
         &["another body", "other.body", "block.body"],
     );
-    assert!(!desk.path("none.csv").exists());
+    assert!(!directory.path("none.csv").exists());
 }
 
 #[test]
 fn two_devices_on_one_body_have_two_recordings() {
-    let desk = desk();
-    let last =
-        desk.live("--device simulated --device simulated:omega --seconds 0.8 --record a.rec --record b.rec");
+    let directory = directory();
+    let last = directory
+        .live("--device simulated --device simulated:omega --seconds 0.8 --record a.rec --record b.rec");
     assert_ne!(last[0]["device"], last[1]["device"]);
     for (name, last) in ["a", "b"].iter().zip(&last) {
         assert_eq!(last["well"], true, "{last}");
-        let (records, _) = desk.records(&format!("{name}.rec"));
+        let (records, _) = directory.records(&format!("{name}.rec"));
         assert_eq!(last["recorded"], records.len());
         assert!(records.iter().filter(touches).count() > 50);
-        let header = Recording::open(&desk.path(&format!("{name}.rec"))).unwrap().header().clone();
+        let header = Recording::open(&directory.path(&format!("{name}.rec"))).unwrap().header().clone();
         assert_eq!(last["device"], *header.device);
-        desk.done(&format!("trace block.body --path {name}.rec -o {name}.csv"));
+        directory.done(&format!("trace block.body --path {name}.rec -o {name}.csv"));
     }
 }
 
 /// Scale, place and turn of the device are as they were given.
 #[test]
 fn the_workspace_is_mapped_as_asked() {
-    let desk = desk();
+    let directory = directory();
     let map = "--scale 2 --offset-mm -1,2.5,300 --rotation 0,0,0,-1";
-    desk.live(&format!("--device simulated --seconds 0.05 --record a.rec {map}"));
-    let map = Recording::open(&desk.path("a.rec")).unwrap().header().map;
+    directory.live(&format!("--device simulated --seconds 0.05 --record a.rec {map}"));
+    let map = Recording::open(&directory.path("a.rec")).unwrap().header().map;
     assert_eq!((map.scale, map.offset_m, map.rotation), (2.0, [-1e-3, 2.5e-3, 0.3], [0.0, 0.0, 0.0, -1.0]));
-    for record in desk.records("a.rec").0.iter().filter(|r| r.tool().is_some()) {
+    for record in directory.records("a.rec").0.iter().filter(|r| r.tool().is_some()) {
         let [x, y, z] = record.device_position_m;
         let expected = DVec3::new(-1e-3 - 2.0 * x, 2.5e-3 - 2.0 * y, 0.3 + 2.0 * z);
         assert!(DVec3::from_array(record.tool_position_m).distance(expected) < 1e-12);
@@ -239,16 +243,16 @@ fn send(signal: &str, child: &Child) {
 #[cfg(unix)]
 #[test]
 fn signals_end_it_with_zero_force() {
-    let desk = desk();
+    let directory = directory();
     for signal in ["INT", "TERM"] {
         let name = format!("{signal}.rec");
-        let child = desk.start(&format!("--seconds 600 --record {name}"));
-        desk.wait_for(&name, 400);
+        let child = directory.start(&format!("--seconds 600 --record {name}"));
+        directory.wait_for(&name, 400);
         send(signal, &child);
         let output = child.wait_with_output().unwrap();
         assert_eq!(output.status.code(), Some(0), "{signal}: {}", said(&output));
         assert_eq!(told(&output, 1)[0]["end"], "a signal asked for it");
-        let (records, ending) = desk.records(&name);
+        let (records, ending) = directory.records(&name);
         assert!(matches!(ending, Ending::Clean { ref reason, .. } if reason == "a signal asked for it"));
         let pressed = records.iter().rposition(|r| r.tool().is_some()).unwrap();
         let size = |r: &Record| r.command_force_n.map(|x| x * x).iter().sum::<f64>().sqrt();
@@ -271,7 +275,7 @@ fn signals_end_it_where_nobody_reads_what_it_tells() {
 fn signals_end_it(json: &str) {
     use std::io::Write;
     use std::os::unix::net::UnixStream;
-    let desk = desk();
+    let directory = directory();
     // Filled byte by byte: then there is no room for anything.
     let (_reader, mut full) = UnixStream::pair().unwrap();
     full.set_nonblocking(true).unwrap();
@@ -281,13 +285,13 @@ fn signals_end_it(json: &str) {
     // Without `--json`, what is told meanwhile goes to standard error.
     let end = std::os::fd::OwnedFd::from(full);
     let error = if json.is_empty() { end.try_clone().unwrap().into() } else { Stdio::null() };
-    let mut child = desk.command(&args).stdout(end).stderr(error).spawn().unwrap();
+    let mut child = directory.command(&args).stdout(end).stderr(error).spawn().unwrap();
     // Longer than until the first line.
-    desk.wait_for("a.rec", 1400);
+    directory.wait_for("a.rec", 1400);
     send("INT", &child);
     let begun = Instant::now();
     let (records, reason) = loop {
-        if let (records, Ending::Clean { reason, .. }) = desk.records("a.rec") {
+        if let (records, Ending::Clean { reason, .. }) = directory.records("a.rec") {
             break (records, reason);
         }
         assert!(begun.elapsed() < Duration::from_secs(60), "the first signal ends nothing");
@@ -315,7 +319,7 @@ fn signals_end_it(json: &str) {
     assert_eq!(status.code(), Some(130));
 }
 
-/// A simulated device with a list of what it was told; with another's list, it is gone as soon as both have pressed.
+/// A simulated device with a list of its commands; with another's list, it is gone as soon as both have pressed.
 struct Leaving {
     device: Box<dyn Device>,
     log: Arc<Mutex<Log>>,
@@ -362,9 +366,9 @@ impl Device for Leaving {
 /// The only test that runs loops in its own process: signals can be handled once.
 #[test]
 fn a_device_that_fails_ends_the_others_loop_too() {
-    let desk = desk();
-    let (body, file) = live::open_body(&desk.path("block.body"), None, None, false).unwrap();
-    let intent = Intent::read(&desk.path("intent.toml")).unwrap();
+    let directory = directory();
+    let (body, file) = live::open_body(&directory.path("block.body"), None, None, false).unwrap();
+    let intent = MotionScript::read(&directory.path("intent.toml")).unwrap();
     let (hand, _) = presets::hand("fingers").unwrap();
     let logs: [Arc<Mutex<Log>>; 2] = Default::default();
     let others = [Some(logs[1].clone()), None];
@@ -373,7 +377,7 @@ fn a_device_that_fails_ends_the_others_loop_too() {
         Hold { device: Box::new(Leaving { device: hold.device, log: log.clone(), other }), ..hold }
     });
     let settings = Settings::new(1000.0);
-    let plan = Plan {
+    let plan = LivePlan {
         body: file,
         settings: Settings {
             real_time: RealTime { priority: None, own_core: false, ..settings.real_time },
@@ -404,42 +408,42 @@ fn a_device_that_fails_ends_the_others_loop_too() {
 /// A body in memory was read as a whole before the loop began: what becomes of its file then is nothing to the loop.
 #[test]
 fn a_body_that_is_cut_short_meanwhile_is_not_missed() {
-    let desk = desk();
-    let whole = fs::read(desk.path("block.body")).unwrap();
-    let child = desk.start("--seconds 1.2 --record a.rec");
-    desk.wait_for("a.rec", 1);
-    fs::File::options().write(true).open(desk.path("block.body")).unwrap().set_len(100).unwrap();
+    let directory = directory();
+    let whole = fs::read(directory.path("block.body")).unwrap();
+    let child = directory.start("--seconds 1.2 --record a.rec");
+    directory.wait_for("a.rec", 1);
+    fs::File::options().write(true).open(directory.path("block.body")).unwrap().set_len(100).unwrap();
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
     assert_eq!(told(&output, 1)[0]["end"], "the time is over");
-    desk.refused("trace block.body --path a.rec -o a.csv", 1, &["block.body"]);
-    fs::write(desk.path("block.body"), whole).unwrap();
-    desk.done("trace block.body --path a.rec -o a.csv");
+    directory.refused("trace block.body --path a.rec -o a.csv", 1, &["block.body"]);
+    fs::write(directory.path("block.body"), whole).unwrap();
+    directory.done("trace block.body --path a.rec -o a.csv");
 }
 
 /// One that stays in its file gives the same bits, and ends the loop when it is cut.
 #[test]
 fn a_body_in_its_file_gives_the_same_bits_and_is_missed_when_it_is_cut() {
-    let desk = desk();
+    let directory = directory();
     let ended =
-        desk.live("--device simulated --body-in file --patch-elements 64 --seconds 1.2 --record a.rec");
+        directory.live("--device simulated --body-in file --patch-elements 64 --seconds 1.2 --record a.rec");
     assert_eq!(ended[0]["end"], "the time is over");
     let patches = |(records, _): &(Vec<Record>, Ending)| {
         records.chunk_by(|a, b| a.patch_serial == b.patch_serial).count()
     };
-    assert!(patches(&desk.records("a.rec")) > 3, "{}", patches(&desk.records("a.rec")));
-    desk.done("trace block.body --path a.rec -o a.csv");
+    assert!(patches(&directory.records("a.rec")) > 3, "{}", patches(&directory.records("a.rec")));
+    directory.done("trace block.body --path a.rec -o a.csv");
 
     // Round and round.
-    desk.write("intent.toml", &INTENT.replace("\"hold\"", "\"circle\"\nradius_mm = 5\nturns = 60"));
-    let child = desk.start("--body-in file --patch-elements 64 --record b.rec");
-    desk.wait_for("b.rec", 1);
-    fs::File::options().write(true).open(desk.path("block.body")).unwrap().set_len(100).unwrap();
+    directory.write("intent.toml", &INTENT.replace("\"hold\"", "\"circle\"\nradius_mm = 5\nturns = 60"));
+    let child = directory.start("--body-in file --patch-elements 64 --record b.rec");
+    directory.wait_for("b.rec", 1);
+    fs::File::options().write(true).open(directory.path("block.body")).unwrap().set_len(100).unwrap();
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(1), "{}", said(&output));
     let words = "block.body: body file: it was cut short while it was in use";
     assert!(told(&output, 1)[0]["end"].as_str().unwrap().contains(words), "{}", said(&output));
-    let (records, ending) = desk.records("b.rec");
+    let (records, ending) = directory.records("b.rec");
     assert!(matches!(&ending, Ending::Clean { reason, .. } if reason.contains(words)), "{ending:?}");
     assert_eq!(records.last().unwrap().command_force_n, [0.0; 3]);
 }
@@ -448,14 +452,16 @@ fn a_body_in_its_file_gives_the_same_bits_and_is_missed_when_it_is_cut() {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_ends_the_recording_and_not_the_loop() {
-    let desk = desk();
+    let directory = directory();
     // In a namespace of its own, so that nothing is left behind; without rights, as its own root.
     let unshare = |script: &str| {
         let mut command = Command::new("unshare");
-        command.args(["--user", "--map-root-user", "--mount", "sh", "-c", script]).current_dir(desk.path(""));
+        command
+            .args(["--user", "--map-root-user", "--mount", "sh", "-c", script])
+            .current_dir(directory.path(""));
         command.output()
     };
-    fs::create_dir(desk.path("full")).unwrap();
+    fs::create_dir(directory.path("full")).unwrap();
     let mount = "mount -t tmpfs -o size=400k none full";
     if !unshare(mount).is_ok_and(|output| output.status.success()) {
         eprintln!("skipped: no disk may be mounted here, so none is filled");
@@ -472,29 +478,29 @@ fn a_full_disk_ends_the_recording_and_not_the_loop() {
     assert_eq!((&last["end"], &last["well"]), (&"the time is over".into(), &true.into()));
     assert!(last["recording_trouble"].as_str().unwrap().contains("the loop goes on"), "{last}");
     assert_eq!(said(&output).matches("the recording ends here").count(), 1, "{}", said(&output));
-    let (records, ending) = desk.records("a.rec");
+    let (records, ending) = directory.records("a.rec");
     assert!(matches!(ending, Ending::Cut { .. }), "{ending:?}");
     assert!(records.len() > 100 && (records.len() as u64) < last["statistics"]["periods"].as_u64().unwrap());
-    desk.done("trace block.body --path a.rec -o a.csv");
+    directory.done("trace block.body --path a.rec -o a.csv");
 }
 
 #[test]
 fn what_is_not_installed_is_said_with_what_to_do() {
-    let desk = desk();
+    let directory = directory();
     let missing = "--device-library nowhere/lib.so";
     let run = "run block.body --priority 0";
-    desk.refused(
+    directory.refused(
         &format!("{run} --device dhd {missing}"),
         1,
         &["nowhere/lib.so", "Force Dimension", "install"],
     );
-    desk.refused(
+    directory.refused(
         &format!("{run} --device openhaptics {missing}"),
         1,
         &["nowhere/lib.so", "OpenHaptics", "install"],
     );
     let nobody = "--device-url ws://127.0.0.1:1";
-    desk.refused(
+    directory.refused(
         &format!("{run} --device haply {nobody}"),
         1,
         &["127.0.0.1:1", "Inverse Service", "start it"],
@@ -503,8 +509,8 @@ fn what_is_not_installed_is_said_with_what_to_do() {
 
 #[test]
 fn wrong_options_are_refused_before_anything_moves() {
-    let desk = desk();
-    desk.write("there.rec", "somebody's");
+    let directory = directory();
+    directory.write("there.rec", "somebody's");
     let run = "run block.body --priority 0 --device simulated";
     for (more, code, words) in [
         ("--force-max-n=-1", 1, &["force_max_n", "-1"][..]),
@@ -533,12 +539,12 @@ fn wrong_options_are_refused_before_anything_moves() {
         ("--spin-us=-1", 1, &["--spin-us"]),
     ] {
         // Where it is not refused it would go on for long.
-        desk.refused(&format!("{run} --seconds 5 {more}"), code, words);
+        directory.refused(&format!("{run} --seconds 5 {more}"), code, words);
     }
-    desk.refused("run block.body --device simulated --priority 99", 1, &["--priority 99"]);
-    desk.refused("run none.body --device simulated --priority 0", 1, &["none.body"]);
-    assert_eq!(fs::read_to_string(desk.path("there.rec")).unwrap(), "somebody's");
+    directory.refused("run block.body --device simulated --priority 99", 1, &["--priority 99"]);
+    directory.refused("run none.body --device simulated --priority 0", 1, &["none.body"]);
+    assert_eq!(fs::read_to_string(directory.path("there.rec")).unwrap(), "somebody's");
     for name in ["a.rec", "b.rec", "a.csv"] {
-        assert!(!desk.path(name).exists(), "{name}");
+        assert!(!directory.path(name).exists(), "{name}");
     }
 }

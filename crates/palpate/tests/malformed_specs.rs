@@ -1,4 +1,4 @@
-//! Specs that can't be simulated: each ends with status 1 and one message that names file, place and mend.
+//! Specs that can't be simulated: each ends with status 1 and one message that names file, place and hint.
 
 use palpate::precompute::prepare;
 use palpate::spec::Spec;
@@ -365,22 +365,25 @@ fn sound(folder: &Path, text: &str) -> bool {
 }
 
 #[test]
-fn each_is_refused_with_place_and_mend() {
-    let desk = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: &str| fs::write(desk.path().join(name), text).unwrap();
+fn each_is_refused_with_place_and_hint() {
+    let directory = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| fs::write(directory.path().join(name), text).unwrap();
     write("ball.obj", &ball());
     write("nodes.csv", "x_m,y_m,z_m\n0,0,1\n");
     write("empty.csv", "");
     let files = || {
-        let mut names: Vec<_> = fs::read_dir(desk.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+        let mut names: Vec<_> =
+            fs::read_dir(directory.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
         names.sort();
         names
     };
-    let (code, stderr) =
-        run(desk.path(), SPEC.replace("count = 5", "count = 1").replace("steps = 4", "steps = 1").as_bytes());
+    let (code, stderr) = run(
+        directory.path(),
+        SPEC.replace("count = 5", "count = 1").replace("steps = 4", "steps = 1").as_bytes(),
+    );
     assert_eq!(code, Some(0), "{stderr}");
     for name in ["ball.body", "ball.body.paths"] {
-        fs::remove_file(desk.path().join(name)).unwrap();
+        fs::remove_file(directory.path().join(name)).unwrap();
     }
     let before = files();
 
@@ -388,15 +391,15 @@ fn each_is_refused_with_place_and_mend() {
     for (i, (old, new, words)) in CASES.iter().enumerate() {
         assert!(SPEC.contains(old), "case {i}: `{old}` is not in the spec");
         let spec = SPEC.replacen(old, new, 1);
-        if sound(desk.path(), &spec) {
+        if sound(directory.path(), &spec) {
             // It would be simulated, at length.
             wrong.push(format!("case {i}, `{old}` → `{new}`: it is not refused"));
             continue;
         }
-        let (code, stderr) = run(desk.path(), spec.as_bytes());
+        let (code, stderr) = run(directory.path(), spec.as_bytes());
         let lines: Vec<&str> = stderr.lines().collect();
         let told = words.iter().all(|w| stderr.contains(w));
-        // Place; problem; mend.
+        // Place; problem; hint.
         if code != Some(1)
             || lines.len() != 1
             || !told

@@ -3,8 +3,8 @@
 
 use glam::DVec3;
 use palpate::commands::Failure;
-use palpate::precompute::{Options, Prepared, Shard, Solver, Stopped, assemble, merge, prepare, run};
-use palpate::record::{Plan, Record, Scene, TestPoint};
+use palpate::precompute::{Options, PointSolver, Prepared, Shard, Stopped, assemble, merge, prepare, run};
+use palpate::record::{PathsPlan, PathsRecord, Scene, TestPoint};
 use palpate::spec::Spec;
 use palpate_body::shape::{Resolution, Shape};
 use palpate_simulate::{Path as LoadPath, PointPaths, State, Stop};
@@ -50,7 +50,7 @@ struct Fake {
     solved: AtomicUsize,
 }
 
-impl Solver for Fake {
+impl PointSolver for Fake {
     fn simulate(&self, point: &TestPoint, cancelled: &AtomicBool) -> Option<PointPaths> {
         std::thread::sleep(self.pause);
         if cancelled.load(Ordering::Relaxed) {
@@ -71,7 +71,7 @@ impl Solver for Fake {
                 .collect(),
             iterations: 3,
         };
-        let stop = |at_m| Some(Stop { at_m, why: "an element turned inside out".into() });
+        let stop = |at_m| Some(Stop { at_m, why: "an element inverted".into() });
         let reached = match point.node % 7 {
             0 => 0,
             1 => 3,
@@ -93,8 +93,8 @@ impl Solver for Fake {
     }
 }
 
-fn plan() -> Plan {
-    Plan {
+fn plan() -> PathsPlan {
+    PathsPlan {
         software: "palpate test".into(),
         spec_name: "ball.toml".into(),
         spec: SPEC.into(),
@@ -146,14 +146,14 @@ fn whole(options: &Options) -> (Vec<u8>, Vec<u8>) {
 }
 
 fn expected() -> (Vec<u8>, Vec<u8>) {
-    let desk = tempfile::tempdir().unwrap();
-    whole(&options(desk.path()))
+    let directory = tempfile::tempdir().unwrap();
+    whole(&options(directory.path()))
 }
 
 /// Runs until `count` points are done.
-fn begin(options: &Options, plan: &Plan, count: usize) {
+fn begin(options: &Options, plan: &PathsPlan, count: usize) {
     struct Few(Fake, usize, AtomicUsize);
-    impl Solver for Few {
+    impl PointSolver for Few {
         fn simulate(&self, point: &TestPoint, cancelled: &AtomicBool) -> Option<PointPaths> {
             if self.2.fetch_add(1, Ordering::SeqCst) >= self.1 {
                 cancelled.store(true, Ordering::SeqCst);
@@ -172,7 +172,7 @@ fn begin(options: &Options, plan: &Plan, count: usize) {
     }
 }
 
-fn refused(plan: &Plan, options: &Options) -> String {
+fn refused(plan: &PathsPlan, options: &Options) -> String {
     match run::run(plan, options, || Ok(prepared(Duration::ZERO)), &AtomicBool::new(false)) {
         Err(Stopped::Error(e)) => palpate::console::message(&e),
         other => panic!("{:?}", other.map(|_| ())),
@@ -188,16 +188,16 @@ fn listing(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 fn jobs_and_shards_change_no_byte() {
     let (record, body) = expected();
     for jobs in [1, 4, 64] {
-        let desk = tempfile::tempdir().unwrap();
+        let directory = tempfile::tempdir().unwrap();
         assert!(
-            whole(&Options { jobs, ..options(desk.path()) }) == (record.clone(), body.clone()),
+            whole(&Options { jobs, ..options(directory.path()) }) == (record.clone(), body.clone()),
             "{jobs} jobs"
         );
     }
-    let desk = tempfile::tempdir().unwrap();
-    let shards: Vec<PathBuf> = (1..=5).rev().map(|i| desk.path().join(format!("{i}.paths"))).collect();
+    let directory = tempfile::tempdir().unwrap();
+    let shards: Vec<PathBuf> = (1..=5).rev().map(|i| directory.path().join(format!("{i}.paths"))).collect();
     for (path, number) in shards.iter().zip((1..=5).rev()) {
-        let partial = desk.path().join("partial");
+        let partial = directory.path().join("partial");
         let shard = Some(Shard { number, of: 5 });
         let options = Options { record: path.clone(), partial, jobs: 1, resume: false, shard };
         let ready = || Ok(prepared(Duration::ZERO));
@@ -205,15 +205,15 @@ fn jobs_and_shards_change_no_byte() {
         workspace.finish().unwrap();
     }
     let merged = merge(&shards).unwrap();
-    merged.save(&desk.path().join("merged.paths")).unwrap();
-    assert!(fs::read(desk.path().join("merged.paths")).unwrap() == record);
+    merged.save(&directory.path().join("merged.paths")).unwrap();
+    assert!(fs::read(directory.path().join("merged.paths")).unwrap() == record);
     assert!(assemble::body(&merged).unwrap().body.to_bytes().unwrap() == body);
 
     let complaint = |shards: &[PathBuf]| merge(shards).unwrap_err().to_string();
     assert!(complaint(&shards[1..]).contains("4 of 24 test points are missing, the first is 4"));
     assert!(complaint(&[shards.clone(), shards[..1].to_vec()].concat()).contains("is also in"));
-    let other = Plan { spec: SPEC.replace("10e3", "11e3"), ..plan() };
-    let mut record = Record::open(&shards[0]).unwrap();
+    let other = PathsPlan { spec: SPEC.replace("10e3", "11e3"), ..plan() };
+    let mut record = PathsRecord::open(&shards[0]).unwrap();
     record.plan = other;
     record.save(&shards[0]).unwrap();
     assert!(complaint(&shards).contains("the spec (line 11) is another"));
@@ -221,10 +221,10 @@ fn jobs_and_shards_change_no_byte() {
 
 #[test]
 fn the_record_tells_what_was_simulated() {
-    let desk = tempfile::tempdir().unwrap();
-    let options = options(desk.path());
+    let directory = tempfile::tempdir().unwrap();
+    let options = options(directory.path());
     whole(&options);
-    let record = Record::open(&options.record).unwrap();
+    let record = PathsRecord::open(&options.record).unwrap();
     let Prepared { scene, points, solver } = prepared(Duration::ZERO);
     assert_eq!(record.scene, Some(scene));
     assert_eq!(record.points.len(), POINTS);
@@ -249,15 +249,15 @@ fn the_record_tells_what_was_simulated() {
         }
     }
     let notes = assemble::body(&record).unwrap().body.provenance().notes.join("\n");
-    assert!(notes.contains("a note") && notes.contains("an element turned inside out"), "{notes}");
+    assert!(notes.contains("a note") && notes.contains("an element inverted"), "{notes}");
     assert!(notes.contains("it is left out"), "{notes}");
 }
 
 #[test]
 fn a_stopped_run_goes_on() {
     let expected = expected();
-    let desk = tempfile::tempdir().unwrap();
-    let fresh = options(desk.path());
+    let directory = tempfile::tempdir().unwrap();
+    let fresh = options(directory.path());
     begin(&fresh, &plan(), 7);
     let before = listing(&fresh.partial);
     assert_eq!(before.len(), 7 + 2);
@@ -271,7 +271,7 @@ fn a_stopped_run_goes_on() {
     let counted = prepared(Duration::ZERO);
     let solved: &'static AtomicUsize = Box::leak(Box::new(AtomicUsize::new(0)));
     struct Counted(Fake, &'static AtomicUsize);
-    impl Solver for Counted {
+    impl PointSolver for Counted {
         fn simulate(&self, point: &TestPoint, cancelled: &AtomicBool) -> Option<PointPaths> {
             self.1.fetch_add(1, Ordering::SeqCst);
             self.0.simulate(point, cancelled)
@@ -293,20 +293,23 @@ fn a_stopped_run_goes_on() {
     assert!(whole(&resumed) == expected);
 
     // With nothing begun, --resume begins.
-    let desk = tempfile::tempdir().unwrap();
-    assert!(whole(&Options { resume: true, ..options(desk.path()) }) == expected);
+    let directory = tempfile::tempdir().unwrap();
+    assert!(whole(&Options { resume: true, ..options(directory.path()) }) == expected);
 }
 
 #[test]
 fn what_changed_is_named_and_nothing_is_lost() {
-    let desk = tempfile::tempdir().unwrap();
-    let resumed = Options { resume: true, ..options(desk.path()) };
+    let directory = tempfile::tempdir().unwrap();
+    let resumed = Options { resume: true, ..options(directory.path()) };
     begin(&resumed, &plan(), 5);
     let before = listing(&resumed.partial);
     let changed = [
-        (Plan { spec: SPEC.replace("0.45", "0.46"), ..plan() }, "the spec (line 12)"),
-        (Plan { software: "palpate 99".into(), ..plan() }, "the program (palpate test, now palpate 99)"),
-        (Plan { inputs: [("ball.msh".to_string(), "1".repeat(64))].into(), ..plan() }, "the file ball.msh"),
+        (PathsPlan { spec: SPEC.replace("0.45", "0.46"), ..plan() }, "the spec (line 12)"),
+        (PathsPlan { software: "palpate 99".into(), ..plan() }, "the program (palpate test, now palpate 99)"),
+        (
+            PathsPlan { inputs: [("ball.msh".to_string(), "1".repeat(64))].into(), ..plan() },
+            "the file ball.msh",
+        ),
     ];
     for (plan, what) in changed {
         let complaint = refused(&plan, &resumed);
@@ -325,8 +328,8 @@ fn what_changed_is_named_and_nothing_is_lost() {
 
 #[test]
 fn damaged_points_are_simulated_again() {
-    let desk = tempfile::tempdir().unwrap();
-    let resumed = Options { resume: true, ..options(desk.path()) };
+    let directory = tempfile::tempdir().unwrap();
+    let resumed = Options { resume: true, ..options(directory.path()) };
     begin(&resumed, &plan(), 9);
     for (i, (path, mut bytes)) in listing(&resumed.partial).into_iter().enumerate() {
         let length = bytes.len();
@@ -347,11 +350,11 @@ fn damaged_points_are_simulated_again() {
 /// No damage gets in: a record opens as it was, or not at all.
 #[test]
 fn no_damage_gets_into_a_record() {
-    let desk = tempfile::tempdir().unwrap();
-    let options = options(desk.path());
+    let directory = tempfile::tempdir().unwrap();
+    let options = options(directory.path());
     begin(&options, &plan(), 1);
     let path = options.partial.join("000000.paths");
-    let (sound, bytes) = (Record::open(&path).unwrap(), fs::read(&path).unwrap());
+    let (sound, bytes) = (PathsRecord::open(&path).unwrap(), fs::read(&path).unwrap());
     let mut random = 0x2545_f491_4f6c_dd1d_u64;
     let mut next = |below: usize| {
         random ^= random << 13;
@@ -374,7 +377,7 @@ fn no_damage_gets_into_a_record() {
             _ => bad[next(reach)] ^= 1 << next(8),
         }
         fs::write(&path, &bad).unwrap();
-        if let Ok(record) = Record::open(&path) {
+        if let Ok(record) = PathsRecord::open(&path) {
             // Text that no number depends on may differ; a point's own may not.
             assert_eq!(record.points, sound.points);
         }
@@ -383,27 +386,27 @@ fn no_damage_gets_into_a_record() {
 
 #[test]
 fn outputs_are_checked_first() {
-    let desk = tempfile::tempdir().unwrap();
-    let complaint = refused(&plan(), &options(&desk.path().join("missing")));
+    let directory = tempfile::tempdir().unwrap();
+    let complaint = refused(&plan(), &options(&directory.path().join("missing")));
     assert!(complaint.contains("can't be written") && complaint.contains("folder exists"), "{complaint}");
-    fs::write(desk.path().join("ball.body.partial"), "").unwrap();
-    assert!(refused(&plan(), &options(desk.path())).contains("it is no folder"));
-    fs::remove_file(desk.path().join("ball.body.partial")).unwrap();
+    fs::write(directory.path().join("ball.body.partial"), "").unwrap();
+    assert!(refused(&plan(), &options(directory.path())).contains("it is no folder"));
+    fs::remove_file(directory.path().join("ball.body.partial")).unwrap();
 
     // What fails before the first point leaves nothing behind.
     let failed = run::run::<Fake>(
         &plan(),
-        &options(desk.path()),
+        &options(directory.path()),
         || anyhow::bail!("no mesh"),
         &AtomicBool::new(false),
     );
     assert!(failed.is_err());
-    assert_eq!(listing(desk.path()).len(), 0);
+    assert_eq!(listing(directory.path()).len(), 0);
 
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        let closed = desk.path().join("closed");
+        let closed = directory.path().join("closed");
         fs::create_dir(&closed).unwrap();
         fs::set_permissions(&closed, fs::Permissions::from_mode(0o555)).unwrap();
         // To the superuser nothing is closed.
@@ -417,8 +420,8 @@ fn outputs_are_checked_first() {
 /// A signal before the first point ends the preparation with the stage under way, with a signal's status.
 #[test]
 fn a_signal_ends_the_preparation() {
-    let desk = tempfile::tempdir().unwrap();
-    let path = desk.path().join("spec.toml");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("spec.toml");
     let spec = Spec::parse(&path, SPEC.into()).unwrap();
     let simulation = spec.simulation(&path).unwrap();
     let error = prepare::prepare(&spec, &simulation, &path, &AtomicBool::new(true)).err().unwrap();
@@ -460,12 +463,12 @@ fn start(folder: &Path, shell: &str) -> Child {
 #[test]
 fn a_killed_run_goes_on() {
     let expected = expected();
-    let desk = tempfile::tempdir().unwrap();
-    let options = options(desk.path());
+    let directory = tempfile::tempdir().unwrap();
+    let options = options(directory.path());
     let mut random = 12345_u64;
     let (mut kills, mut most) = (0, 0);
     loop {
-        let mut child = start(desk.path(), "");
+        let mut child = start(directory.path(), "");
         random = random.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
         // Ever later, so that it ends.
         std::thread::sleep(Duration::from_millis(5 + (random >> 33) % 60 + 4 * kills));
@@ -485,7 +488,7 @@ fn a_killed_run_goes_on() {
     assert!(kills >= 3, "{kills}");
     assert!(!options.partial.exists(), "nothing half-written is in the way");
     assert!(fs::read(&options.record).unwrap() == expected.0);
-    let record = Record::open(&options.record).unwrap();
+    let record = PathsRecord::open(&options.record).unwrap();
     assert!(assemble::body(&record).unwrap().body.to_bytes().unwrap() == expected.1);
 }
 
@@ -494,13 +497,14 @@ fn a_killed_run_goes_on() {
 #[test]
 fn without_room_points_are_kept() {
     let expected = expected();
-    let desk = tempfile::tempdir().unwrap();
-    let options = options(desk.path());
+    let directory = tempfile::tempdir().unwrap();
+    let options = options(directory.path());
     let point = expected.0.len() / POINTS / 512;
     // The first is too little for a point that has states, the second for the whole.
     for (blocks, all) in [(point / 4, false), (4 * point, true)] {
-        let output =
-            start(desk.path(), &format!("trap '' XFSZ; ulimit -f {blocks};")).wait_with_output().unwrap();
+        let output = start(directory.path(), &format!("trap '' XFSZ; ulimit -f {blocks};"))
+            .wait_with_output()
+            .unwrap();
         let complaint = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(1), "{complaint}");
         assert!(complaint.contains("can't be written") && complaint.contains("room"), "{complaint}");

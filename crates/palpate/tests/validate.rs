@@ -32,7 +32,7 @@ fn body(radius_m: f64) -> Body {
         }
     });
     Body::new(BodyParts {
-        mixes: spread(&surface, &nodes).unwrap(),
+        blends: spread(&surface, &nodes).unwrap(),
         responses: responses.collect(),
         surface,
         test_point_nodes: nodes,
@@ -72,7 +72,7 @@ fn law(body: &Body, plan: &PointPlan, depth: f64, aside: DVec3) -> [DVec3; 2] {
     [plan.inward * mixed(&|r| r.normal.value(depth)), lateral]
 }
 
-/// A simulator of a law: force from depth and way aside.
+/// A simulator of a law: force from depth and lateral displacement.
 fn paths(plan: &PointPlan, force: impl Fn(f64, DVec3) -> DVec3) -> PointPaths {
     let state = |depth_m: f64, distance_m: f64, aside: DVec3| State {
         depth_m,
@@ -152,7 +152,7 @@ fn known_differences_are_found() {
     // The place's own responses know of it.
     assert!(of(&v, Source::Own).iter().all(|e| *e < 0.5), "{:?}", of(&v, Source::Own));
 
-    // Stiffer sideways with depth: dragged from their own depth the responses are right, from another not.
+    // Stiffer laterally with depth: dragged from their own depth the responses are right, from another not.
     let v = try_with(&body, 30, [1.0, 1.0], 150.0);
     let ([n, own], [_, depth]) = (of(&v, Source::Own), of(&v, Source::OwnDepth));
     assert!(n < 1e-6 && own > 5.0 && depth < 1e-6, "{n} {own} {depth}");

@@ -26,15 +26,15 @@ pub fn number(word: &[u8], place: impl Fn() -> String) -> Result<f64> {
         BodyError::invalid(
             place(),
             format!("{} is not a number", quote(word)),
-            "mend it, or export the mesh again",
+            "correct it, or export the mesh again",
         )
     })
 }
 
 /// The file ends, or a number is larger than what follows can hold.
 pub fn truncated(place: String, what: &str) -> BodyError {
-    let mend = "the file is cut short or damaged: export or copy it again";
-    BodyError::invalid(place, format!("the file ends before {what}"), mend)
+    let hint = "the file is cut short or damaged: export or copy it again";
+    BodyError::invalid(place, format!("the file ends before {what}"), hint)
 }
 
 /// Reads forwards and never beyond the end.
@@ -105,7 +105,7 @@ impl<'a> Cursor<'a> {
     /// The next word as a number.
     ///
     /// # Errors
-    /// The file ends before `what`; the word is no number.
+    /// The file ends before `what`; the word is NaN or infinite.
     pub fn number(&mut self, what: &str) -> Result<f64> {
         let word = self.word().ok_or_else(|| truncated(self.place(), what))?;
         number(word, || self.place())

@@ -74,7 +74,7 @@ fn corner(word: &[u8], so_far: usize, count: usize, place: impl Fn() -> String) 
         _ => Err(BodyError::invalid(
             place(),
             format!("the face names vertex {}, but there are {count} (counted from 1)", quote(word)),
-            "mend the index, or export the mesh again",
+            "correct the index, or export the mesh again",
         )),
     }
 }

@@ -35,8 +35,8 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Soup> {
             b"vertex" => read_vertices(&mut reader, element, &mut soup)?,
             b"face" => read_faces(&mut reader, element, vertices, &mut soup)?,
             b"tristrips" => {
-                let mend = "export it with triangles or polygons as faces";
-                return Err(BodyError::invalid("element tristrips", "triangle strips are not read", mend));
+                let hint = "export it with triangles or polygons as faces";
+                return Err(BodyError::invalid("element tristrips", "triangle strips are not read", hint));
             }
             _ if element.properties.is_empty() => {}
             _ => {

@@ -206,7 +206,7 @@ fn scan(bytes: &[u8], with_data: bool) -> Result<File<'_>> {
                         let offset =
                             tag.attribute(b"offset").and_then(|o| std::str::from_utf8(o).ok()?.parse().ok());
                         let Some(offset) = offset else {
-                            return bad("the array's `offset` is no number".into());
+                            return bad("the array's `offset` is NaN or infinite".into());
                         };
                         Format::Appended(offset)
                     }

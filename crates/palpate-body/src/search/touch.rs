@@ -1,4 +1,4 @@
-//! The first touch of a moving tip: of a point on its segment, by a watertight test, or of a sphere around it.
+//! The first touch of a moving tool: of a point on its segment, by a watertight test, or of a sphere around it.
 
 use super::nearest::nearest_on_triangle;
 use super::tree::{Search, Segment};
@@ -9,7 +9,7 @@ use glam::DVec3;
 /// How far behind its start a segment still catches the surface, m: far above rounding, far below touch.
 const BACK_OFF: f64 = 1e-9;
 
-/// The first touch of a moving tip.
+/// The first touch of a moving tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Touch {
     /// Where on the surface.
@@ -63,7 +63,7 @@ impl Search {
 }
 
 impl ContactModel {
-    /// The first inward touch of a tip that moves from `from` to `to`: of the surface by a point, or of a sphere of
+    /// The first inward touch of a tool that moves from `from` to `to`: of the surface by a point, or of a sphere of
     /// `radius` around it with the surface.
     ///
     /// `from` must be outside. A point is caught on faces, edges and vertices alike (the edge tests of neighbours

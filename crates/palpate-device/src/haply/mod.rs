@@ -2,7 +2,7 @@
 //!
 //! The service sends an inventory on connecting, and then one state for each message that it gets. A thread of the
 //! driver's own (`service`) talks to it; the loop's `read` and `write` only exchange the newest pose and force with that
-//! thread, wait-free, so that a service that hangs holds nobody. `write` wakes the thread, which sends the force at once,
+//! thread, wait-free, so that a service that hangs blocks no other thread. `write` wakes the thread, which sends the force at once,
 //! and the state that comes back is what the next `read` gives: the pose is that of the last write plus the service's
 //! round trip, so at most about one period of the loop old. `read` and `write` allocate nothing; the thread allocates for
 //! every message that it parses and sends.
@@ -22,7 +22,7 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Where the service listens if nobody told it otherwise.
+/// Where the service listens by default.
 const URL: &str = "ws://localhost:10001";
 const START: &str = "install the Haply Inverse Service (docs.haply.co) and start it (on Linux: systemctl start \
                      haply-inverse-service), or name another address (--device-url)";
@@ -96,14 +96,14 @@ fn inverse3() -> Capabilities {
     // Before the arm, above the table.
     c.workspace.centre_m = [0.0, -0.12, 0.16];
     c.workspace.half_extent_m = [0.12, 0.08, 0.12];
-    c.workspace.basis = Basis::Guessed("the order of size of the arm; nobody measured it".into());
+    c.workspace.basis = Basis::Guessed("the order of size of the arm; not measured".into());
     c.buttons = 4;
     c.rates.most_hz = 4000.0;
     c
 }
 
-fn error(problem: String, mend: &str) -> OpenError {
-    OpenError { device: "haply".into(), problem, mend: mend.into() }
+fn error(problem: String, hint: &str) -> OpenError {
+    OpenError { device: "haply".into(), problem, hint: hint.into() }
 }
 
 impl Device for Haply {

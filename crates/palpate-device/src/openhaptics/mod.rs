@@ -121,8 +121,8 @@ impl OpenHaptics {
     }
 }
 
-fn error(problem: String, mend: &str) -> OpenError {
-    OpenError { device: "openhaptics".into(), problem, mend: mend.into() }
+fn error(problem: String, hint: &str) -> OpenError {
+    OpenError { device: "openhaptics".into(), problem, hint: hint.into() }
 }
 
 impl Device for OpenHaptics {

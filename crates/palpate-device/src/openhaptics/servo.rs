@@ -159,7 +159,7 @@ impl Servo {
     }
 }
 
-/// A pose as the loop sees it: m, m/s, the crate's axes. `None` where it holds no numbers or no rotation.
+/// A pose as the loop sees it: m, m/s, the crate's axes. `None` where it holds NaN or infinity or no rotation.
 pub(super) fn sample(pose: &[f64; POSE]) -> Option<Sample> {
     let three = |at: usize| [pose[at], pose[at + 1], pose[at + 2]];
     let position_m = Axes::Y_UP.ours(three(1).map(|mm| mm * MM));

@@ -74,14 +74,14 @@ const SHORTEST_S: f64 = 1e-5;
 
 /// A figure that can't be simulated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{figure} is {value}; give {mend}")]
+#[error("{figure} is {value}; give {hint}")]
 pub struct FigureError {
     /// Its name, with its unit.
     pub figure: &'static str,
     /// What it is.
     pub value: f64,
     /// What can be.
-    pub mend: String,
+    pub hint: String,
 }
 
 /// Whether a device with these capabilities can be simulated in this hand.
@@ -105,23 +105,23 @@ pub fn check(capabilities: &Capabilities, hand: &Hand) -> Result<(), FigureError
         ("the hand's stiffness_n_per_m", hand.stiffness_n_per_m, STIFFNESS_N_PER_M),
     ] {
         if !allowed.holds(value) {
-            return Err(FigureError { figure, value, mend: allowed.to_string() });
+            return Err(FigureError { figure, value, hint: allowed.to_string() });
         }
     }
     let mass = m.mass_kg.value + hand.mass_kg;
     if mass == 0.0 {
-        let mend = "the device or the hand a mass: without one it can't be integrated".into();
-        return Err(FigureError { figure: "the moving mass", value: mass, mend });
+        let hint = "the device or the hand a mass: without one it can't be integrated".into();
+        return Err(FigureError { figure: "the moving mass", value: mass, hint });
     }
     let fastest =
         (m.damping_n_s_per_m.value + hand.damping_n_s_per_m) / mass + (hand.stiffness_n_per_m / mass).sqrt();
     if fastest * SHORTEST_S > 1.0 {
-        let mend = format!(
+        let hint = format!(
             "more mass, less damping or a softer hand: with these the tool's motion has a time constant of {:.1e} s, and \
              {SHORTEST_S:.0e} s is the shortest that can be simulated",
             1.0 / fastest
         );
-        return Err(FigureError { figure: "the moving mass_kg", value: mass, mend });
+        return Err(FigureError { figure: "the moving mass_kg", value: mass, hint });
     }
     Ok(())
 }

@@ -27,7 +27,7 @@ pub struct Target {
 }
 
 /// What the operator does, as a function of time: the same time gives the same target.
-pub trait Intent: Send + fmt::Debug {
+pub trait HandMotion: Send + fmt::Debug {
     /// The target at `time_s` since the beginning.
     fn target(&self, time_s: f64) -> Target;
 

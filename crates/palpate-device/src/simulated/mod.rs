@@ -5,7 +5,7 @@ pub mod figures;
 mod hand;
 mod script;
 
-pub use hand::{Hand, Intent, Target};
+pub use hand::{Hand, HandMotion, Target};
 pub use script::{Move, Script, ScriptError};
 
 use crate::{Capabilities, Command, Device, Fault, OpenError, Pose, Sample, Status};
@@ -34,7 +34,7 @@ pub struct Energies {
     pub hand_damper_j: f64,
 }
 
-/// A tool of the mass, damping and friction that [`Capabilities`] tell, held by a [`Hand`] that follows an [`Intent`],
+/// A tool of the mass, damping and friction that [`Capabilities`] tell, held by a [`Hand`] that follows an [`HandMotion`],
 /// with the device's encoder, delay, amplifier and force limit between it and the loop.
 ///
 /// Each axis has its own drive, encoder, and friction, as on a gantry. Forces are held from one command to the next.
@@ -42,7 +42,7 @@ pub struct Energies {
 pub struct Simulated {
     capabilities: Capabilities,
     plant: Plant,
-    intent: Box<dyn Intent>,
+    motion: Box<dyn HandMotion>,
     axes: [Axis; 3],
     /// s since `open`; `None` while closed.
     now: Option<f64>,
@@ -57,7 +57,7 @@ impl Simulated {
     ///
     /// # Panics
     /// A figure of the mechanics or of the hand that [`figures::check`] refuses: figures from outside are asked first.
-    pub fn new(capabilities: Capabilities, hand: Hand, intent: Box<dyn Intent>) -> Self {
+    pub fn new(capabilities: Capabilities, hand: Hand, motion: Box<dyn HandMotion>) -> Self {
         if let Err(e) = figures::check(&capabilities, &hand) {
             panic!("{e}");
         }
@@ -73,7 +73,7 @@ impl Simulated {
         Simulated {
             capabilities,
             plant,
-            intent,
+            motion,
             axes: [Axis::default(); 3],
             now: None,
             pending: Pending::default(),
@@ -100,7 +100,7 @@ impl Simulated {
 
     /// What the operator wants now.
     pub fn target(&self) -> Target {
-        self.intent.target(self.now.unwrap_or(0.0))
+        self.motion.target(self.now.unwrap_or(0.0))
     }
 
     /// Sums since `open`.
@@ -135,7 +135,7 @@ impl Simulated {
             // A sliver that rounding leaves over goes with the last stretch.
             let last = if to - from < STRETCH * 1.001 { to } else { from + STRETCH };
             let until = last.min(self.pending.next().unwrap_or(f64::INFINITY));
-            let (a, b) = (self.intent.target(from), self.intent.target(until));
+            let (a, b) = (self.motion.target(from), self.motion.target(until));
             for (i, axis) in self.axes.iter_mut().enumerate() {
                 let end = |t: &Target| [t.position_m[i], t.velocity_m_per_s[i], t.push_n[i]];
                 let span = until - from;
@@ -160,9 +160,9 @@ impl Device for Simulated {
         &self.capabilities
     }
 
-    /// Starts at rest, at the intent's beginning.
+    /// Starts at rest, at the motion script's beginning.
     fn open(&mut self) -> Result<(), OpenError> {
-        let start = self.intent.target(0.0).position_m.to_array();
+        let start = self.motion.target(0.0).position_m.to_array();
         self.axes = start.map(|x| Axis { x, ..Axis::default() });
         (self.now, self.pending) = (Some(0.0), Pending::default());
         (self.sequence, self.saturated, self.saturations) = (0, false, 0);

@@ -1,6 +1,6 @@
 //! Scripts of moves: press, drag, circle, tap, hold, push, release.
 
-use super::{Intent, Target};
+use super::{HandMotion, Target};
 use glam::DVec3;
 use std::f64::consts::TAU;
 
@@ -112,14 +112,14 @@ impl Move {
 
 /// Why a script was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{place}: {problem}; {mend}")]
+#[error("{place}: {problem}; {hint}")]
 pub struct ScriptError {
     /// Which move, counted from 1, or the place.
     pub place: String,
     /// What is wrong there.
     pub problem: String,
     /// What to do.
-    pub mend: String,
+    pub hint: String,
 }
 
 /// Moves one after the other at a place, in the device's frame.
@@ -156,10 +156,10 @@ impl Script {
         along: DVec3,
         moves: &[Move],
     ) -> Result<Self, ScriptError> {
-        let error = |place: &str, problem: &str, mend: &str| ScriptError {
+        let error = |place: &str, problem: &str, hint: &str| ScriptError {
             place: place.into(),
             problem: problem.into(),
-            mend: mend.into(),
+            hint: hint.into(),
         };
         let directions = into.try_normalize().and_then(|into| {
             let along = along.try_normalize()?;
@@ -199,7 +199,7 @@ impl Script {
     }
 }
 
-impl Intent for Script {
+impl HandMotion for Script {
     fn target(&self, time_s: f64) -> Target {
         let next = self.moves.partition_point(|m| m.at_s <= time_s).max(1);
         let Some(Begun { the_move, at_s, from, push }) = self.moves.get(next - 1) else {

@@ -4,13 +4,19 @@
 use super::criteria::{Criterion, Frame, lipschitz};
 use super::drive::Drive;
 use super::interval::{Interval, across, direction, dot, length, less, scaled};
-use super::patch::{Cell, Patch, View};
+use super::patch::{Cell, ElementStates, View};
 use super::rates::Rates;
 use super::states::{Piece, SHARES, slips};
 use palpate_body::SlipRule;
 
 /// As [`Criterion::bound`].
-pub(super) fn bound(criterion: Criterion, patch: &Patch, cell: &Cell, view: &View, frame: &Frame) -> f64 {
+pub(super) fn bound(
+    criterion: Criterion,
+    patch: &ElementStates,
+    cell: &Cell,
+    view: &View,
+    frame: &Frame,
+) -> f64 {
     let Some(slopes) = &patch.slopes else { return f64::NEG_INFINITY };
     let drive = Drive::new(patch, slopes, cell, view, frame);
     let Some(pieces) = slips(patch, cell, view, frame, &drive) else { return f64::INFINITY };
@@ -26,8 +32,8 @@ pub(super) fn bound(criterion: Criterion, patch: &Patch, cell: &Cell, view: &Vie
     }
 }
 
-/// The least g·t/f = |P g̃|/f + (g − P g̃)·t/f, t along P g̃ or aside of it.
-fn passive(patch: &Patch, cell: &Cell, frame: &Frame, pieces: &[Option<Piece>; SHARES]) -> f64 {
+/// The least g·t/f = |P g̃|/f + (g − P g̃)·t/f, t along P g̃ or off it.
+fn passive(patch: &ElementStates, cell: &Cell, frame: &Frame, pieces: &[Option<Piece>; SHARES]) -> f64 {
     let (sin, cos) = patch.aside.sin_cos();
     let friction = patch.law.forces(cell).friction;
     let of = |p: &Piece| {
@@ -42,13 +48,13 @@ fn passive(patch: &Patch, cell: &Cell, frame: &Frame, pieces: &[Option<Piece>; S
         if !patch.is_stretched() {
             return straight;
         }
-        // The search leads aside of it (`Lateral::lead`).
-        let pull = p.vector;
-        let (force, stretched) = (length(pull), across(frame.u, frame.stretch(pull)));
+        // The search leads off it (`ForceLaw::implicit_drive_direction`).
+        let lateral_force = p.vector;
+        let (force, stretched) = (length(lateral_force), across(frame.u, frame.stretch(lateral_force)));
         let limit = friction * rest;
         let way = (force - limit).clip(0.0, f64::INFINITY);
-        let part = dot(pull, stretched).per(force.square()).clip(0.0, f64::INFINITY);
-        let led = less(scaled(pull, limit * part + way * 2.0), scaled(stretched, way));
+        let part = dot(lateral_force, stretched).per(force.square()).clip(0.0, f64::INFINITY);
+        let led = less(scaled(lateral_force, limit * part + way * 2.0), scaled(stretched, way));
         let t = direction([led[0], led[1]]);
         // In û's plane the two are no farther apart than (2 − A) can turn a vector, and the element's is tilted.
         let [least, greatest] = patch.stretch().map(|a| (2.0 - a).max(0.0));

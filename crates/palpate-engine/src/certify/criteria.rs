@@ -2,9 +2,9 @@
 //! constant (L). All formulas are those of docs/passivity.md, on intervals; a [`Cell`] without extent gives the value at
 //! a state.
 
-use super::interval::{Box3, Interval, applied, dot, length, scaled, sum};
+use super::interval::{Interval, IntervalVector, applied, dot, length, scaled, sum};
 use super::law::Forces;
-use super::patch::{Cell, Patch, View};
+use super::patch::{Cell, ElementStates, View};
 
 /// A certificate's criterion: of each the least value over all slip states is sought.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,21 +32,21 @@ pub(super) const BELOW: f64 = 1.0 - 2e-6;
 /// A cell's frame, and where the lateral deflection leads.
 pub(super) struct Frame {
     /// û.
-    pub u: Box3,
+    pub u: IntervalVector,
     /// A, by rows; none where the body is isotropic.
-    pub tensor: Option<[Box3; 3]>,
+    pub tensor: Option<[IntervalVector; 3]>,
     /// 1/|Σ n u|.
     pub per_length: Interval,
     /// δ_t/δr, its projection's direction, and their cosine.
-    pub e: Box3,
+    pub e: IntervalVector,
     pub d: [Interval; 2],
     pub cosine: Interval,
     /// A e.
-    pub stretched: Box3,
+    pub stretched: IntervalVector,
     /// û·A e.
     pub along_u: Interval,
     /// P_û A e.
-    pub w: Box3,
+    pub w: IntervalVector,
     /// ρ/δr, and |P_û A e|/q.
     pub q: Interval,
     pub gain: Interval,
@@ -60,19 +60,19 @@ struct Motion {
     kappa: Interval,
     bend: Interval,
     /// ∂û before projecting, 1/m.
-    turn: Box3,
+    frame_gradient: IntervalVector,
     /// A e·t.
     way: Interval,
     /// ∂A e, 1/m, and e·∂A e.
-    twist: Box3,
+    twist: IntervalVector,
     twisted: Interval,
 }
 
 impl Frame {
-    pub fn new(patch: &Patch, view: &View) -> Self {
+    pub fn new(patch: &ElementStates, view: &View) -> Self {
         let [a, b, c] = view.u;
         let sum = [0, 1, 2].map(|i| Interval::hull([a[i], b[i], c[i]]));
-        // The length of a mix is at most the longest's.
+        // The length of a blend is at most the longest's.
         let longest = Interval::hull([a.length(), b.length(), c.length()]).hi;
         let length_u = Interval::new(length(sum).lo, longest);
         let per_length = Interval::ONE.per(length_u);
@@ -108,26 +108,26 @@ impl Frame {
     }
 
     /// A v.
-    pub fn stretch(&self, v: Box3) -> Box3 {
+    pub fn stretch(&self, v: IntervalVector) -> IntervalVector {
         self.tensor.as_ref().map_or(v, |a| applied(a, v))
     }
 
     fn motion(&self, view: &View, t: [Interval; 2], way: Interval) -> Motion {
         let [x, y] = view.du.map(|v| v.to_array());
-        let turn = [0, 1, 2].map(|i| (t[0] * x[i] + t[1] * y[i]) * self.per_length);
+        let frame_gradient = [0, 1, 2].map(|i| (t[0] * x[i] + t[1] * y[i]) * self.per_length);
         let twist = view.stretch.as_ref().map_or([Interval::ZERO; 3], |(_, [ax, ay])| {
             [0, 1, 2].map(|i| {
                 let row = [0, 1, 2].map(|j| t[0] * ax.col(j)[i] + t[1] * ay.col(j)[i]);
                 dot(row, self.e)
             })
         });
-        let kappa = dot(self.e, turn);
+        let kappa = dot(self.e, frame_gradient);
         let isotropic = view.stretch.is_none();
         Motion {
             dip: t[0] * self.u[0] + t[1] * self.u[1],
             kappa,
-            bend: if isotropic { kappa } else { dot(self.w, turn) },
-            turn,
+            bend: if isotropic { kappa } else { dot(self.w, frame_gradient) },
+            frame_gradient,
             way,
             twisted: dot(self.e, twist),
             twist,
@@ -166,7 +166,7 @@ pub(super) fn arc(half: f64) -> (Interval, Interval) {
 }
 
 /// The deflection ρ with which a state's lateral force is at its limit, m.
-pub(super) fn limit_reach(patch: &Patch, state: &Cell) -> f64 {
+pub(super) fn limit_reach(patch: &ElementStates, state: &Cell) -> f64 {
     if patch.slopes.is_some() {
         return super::states::limit_reach(patch, state);
     }
@@ -175,7 +175,7 @@ pub(super) fn limit_reach(patch: &Patch, state: &Cell) -> f64 {
 }
 
 /// f_r/f_z of the states in a cell that slip. `None` where none do.
-fn slipping(patch: &Patch, cell: &Cell, frame: &Frame) -> Option<Interval> {
+fn slipping(patch: &ElementStates, cell: &Cell, frame: &Frame) -> Option<Interval> {
     let (n, step) = (&cell.corners, patch.step_m);
     let Forces { normal, lateral, friction } = patch.law.forces(cell);
     if normal.hi <= 0.0 || lateral.hi * frame.gain.hi < friction.lo * normal.lo * BELOW {
@@ -197,7 +197,7 @@ fn slipping(patch: &Patch, cell: &Cell, frame: &Frame) -> Option<Interval> {
 
 impl Criterion {
     /// A lower bound over the states of `cell` that slip; infinite where none do.
-    pub fn bound(self, patch: &Patch, cell: &Cell) -> f64 {
+    pub fn bound(self, patch: &ElementStates, cell: &Cell) -> f64 {
         let view = patch.view(cell);
         let frame = Frame::new(patch, &view);
         if view.u.iter().any(|u| u.z <= 0.0) {
@@ -244,7 +244,7 @@ fn gain(y: Interval, b: Interval, c: Interval) -> f64 {
 
 /// g·t/f_z = (f_r/f_z) B + C, for each way that slip can take: of each B and C.
 fn passive(
-    patch: &Patch,
+    patch: &ElementStates,
     cell: &Cell,
     view: &View,
     frame: &Frame,
@@ -288,7 +288,7 @@ pub(super) struct Slope {
     pub stick: f64,
 }
 
-fn slope(patch: &Patch, cell: &Cell, view: &View, frame: &Frame) -> Slope {
+fn slope(patch: &ElementStates, cell: &Cell, view: &View, frame: &Frame) -> Slope {
     // Along the force: v = w/|w|, t along P v.
     let isotropic = view.stretch.is_none();
     let per_w = Interval::ONE.per(length(frame.w));
@@ -301,11 +301,11 @@ fn slope(patch: &Patch, cell: &Cell, view: &View, frame: &Frame) -> Slope {
     let law = patch.law.reading(cell);
     let along = {
         let [x, y] = [view.gx, view.gy].map(|g| patch.law.gradient(cell, g));
-        let mix = |x: Interval, y: Interval| t[0] * x + t[1] * y;
+        let blend = |x: Interval, y: Interval| t[0] * x + t[1] * y;
         Forces {
-            normal: mix(x.normal, y.normal),
-            lateral: mix(x.lateral, y.lateral),
-            friction: mix(x.friction, y.friction),
+            normal: blend(x.normal, y.normal),
+            lateral: blend(x.lateral, y.lateral),
+            friction: blend(x.friction, y.friction),
         }
     };
 
@@ -316,16 +316,16 @@ fn slope(patch: &Patch, cell: &Cell, view: &View, frame: &Frame) -> Slope {
     let limit = law.limit_rate(sinking, &along);
 
     // ∂û = turn − û (û·turn).
-    let turn_u = dot(frame.u, m.turn);
-    let du = [0, 1, 2].map(|i| m.turn[i] - frame.u[i] * turn_u);
+    let turn_u = dot(frame.u, m.frame_gradient);
+    let du = [0, 1, 2].map(|i| m.frame_gradient[i] - frame.u[i] * turn_u);
     // δ_t' = −t − û ∂δz − (δz − R) ∂û.
     let t3 = [t[0], t[1], Interval::ZERO];
     let d_tangential = sum([t3, scaled(frame.u, sinking), scaled(du, depth)]).map(|x| -x);
     let d_rho = (deflection * m.twisted * 0.5 - (m.way + sinking * frame.along_u + depth * m.bend)) * per_q;
     let d_lateral = law.slope.lateral * d_rho + along.lateral;
-    let vu = dot(v, m.turn);
+    let vu = dot(v, m.frame_gradient);
     // ∂f_t along v, and the parts of it across.
-    let (pull, force_t) = if isotropic {
+    let (lateral_force, force_t) = if isotropic {
         // ∂(f_r e) = e d f_r + f_r/δr (δ_t' − e (e·δ_t')); e·δ_t' = ∂δr.
         let across = [0, 1, 2].map(|i| d_tangential[i] - frame.e[i] * d_rho);
         (d_lateral, [0, 1, 2].map(|i| frame.e[i] * d_lateral + across[i] * law.secant))
@@ -349,7 +349,7 @@ fn slope(patch: &Patch, cell: &Cell, view: &View, frame: &Frame) -> Slope {
     let force = sum([scaled(frame.u, d_normal), scaled(du, law.at.normal), force_t]);
     let [_, stretch] = patch.stretch();
     Slope {
-        eta: (limit - pull).lo,
+        eta: (limit - lateral_force).lo,
         force: length(force).hi,
         excess: law.lateral_stiffness(stretch).hypot(law.limit_slope().magnitude()),
         stick: law.stiffness(stretch),

@@ -1,4 +1,4 @@
-//! One curve of an element's three nodes, and bounds of its mixes over a range of deflections.
+//! One curve of an element's three nodes, and bounds of its blends over a range of deflections.
 
 use super::interval::{Interval, range};
 
@@ -43,7 +43,7 @@ impl Curves {
         })
     }
 
-    /// One node's mix at a deflection ≥ 0.
+    /// One node's blend at a deflection ≥ 0.
     pub fn value(&self, n: [f64; 3], at: f64) -> f64 {
         self.pieces([at; 2]).next().map_or(0.0, |(i, t, _)| {
             let [a, b, c, d] = mixed(n, &self.powers[i]);
@@ -139,13 +139,13 @@ impl Curves {
     /// A force over a part of one piece, with as many powers of the deflection taken out as near 0 all three nodes' have in
     /// common.
     pub fn force(&self, corners: &Corners, piece: usize, from: f64, to: f64) -> (Interval, usize) {
-        let taken = if piece == 0 { self.order } else { 0 };
+        let reaction = if piece == 0 { self.order } else { 0 };
         let of = |n| {
             let p = mixed(n, &self.powers[piece]);
-            let at = |i: usize| p.get(i + taken).copied().unwrap_or(0.0);
+            let at = |i: usize| p.get(i + reaction).copied().unwrap_or(0.0);
             range([at(0), at(1), at(2), at(3), 0.0], from, to)
         };
-        (join(corners.map(of)), taken)
+        (join(corners.map(of)), reaction)
     }
 
     /// Σ g F / f for two gradients, m; near 0 with the power in common taken out.
@@ -180,7 +180,7 @@ impl Curves {
         self.knots.last().copied().unwrap_or(0.0)
     }
 
-    /// Where one node's rising mix reaches `value`, up to `most`.
+    /// Where one node's rising blend reaches `value`, up to `most`.
     pub fn root(&self, n: [f64; 3], value: f64, most: f64) -> f64 {
         let (mut lo, mut hi) = (0.0, most);
         for _ in 0..40 {

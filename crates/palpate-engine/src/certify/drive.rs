@@ -1,9 +1,9 @@
-//! The drive of `consistent` and `exact` over a cell, by the forces: with f = f_z + f_r and s = f_r/f it is a mix of a part
+//! The drive of `consistent` and `exact` over a cell, by the forces: with f = f_z + f_r and s = f_r/f it is a blend of a part
 //! for each of the two, which have a direction also where both forces vanish.
 
 use super::criteria::Frame;
-use super::interval::{Box3, Interval, applied, dot, flat, less, quadratic, rows, scaled};
-use super::patch::{Cell, Patch, View};
+use super::interval::{Interval, IntervalVector, applied, dot, flat, less, quadratic, rows, scaled};
+use super::patch::{Cell, ElementStates, View};
 use super::slopes::{Read, Slopes, join3};
 use super::turning::{Turning, coordinates, turned};
 use palpate_body::SlipRule;
@@ -13,10 +13,10 @@ const SINGLE: f64 = 1e-6;
 /// What the slip search takes for rounding of the drive, as a share of what is taken off the lateral force.
 const NOISE: f64 = 6e-7;
 
-/// The drive by the forces, g̃/f, and what it misses of g, (g − P g̃)/f: mixes of a part for each of the forces with the
+/// The drive by the forces, g̃/f, and what it misses of g, (g − P g̃)/f: blends of a part for each of the forces with the
 /// share s of the lateral one, apart from what b's turning takes, which depends on both at once.
 pub(super) struct Drive {
-    by: [Box3; 2],
+    by: [IntervalVector; 2],
     miss: [[Interval; 2]; 2],
     /// What the slip search takes for the drive's rounding.
     noise: [f64; 2],
@@ -26,26 +26,26 @@ pub(super) struct Drive {
 /// b/f and what turning takes of it.
 struct Couple {
     /// ∇(u·b) as a matrix that takes b, by rows; nodes' means less the element's own.
-    turn: [Box3; 3],
-    miss: [Box3; 2],
+    frame_gradient: [IntervalVector; 3],
+    miss: [IntervalVector; 2],
     /// b/f = e ((1 − s) δr − s ζ) − s rest, before it is divided by |Σ n u|.
-    e: Box3,
+    e: IntervalVector,
     deflection: Interval,
     depth: Interval,
-    rest: Box3,
+    rest: IntervalVector,
     per_length: Interval,
-    u: Box3,
+    u: IntervalVector,
     /// For `exact`, along the element and not across û.
     own: bool,
 }
 
 impl Couple {
     /// At a share: what is taken off the drive, and what g has more.
-    fn taken(&self, share: f64) -> (Box3, [Interval; 2]) {
+    fn reaction(&self, share: f64) -> (IntervalVector, [Interval; 2]) {
         let along = self.deflection * (1.0 - share) - self.depth * share;
         let b = less(scaled(self.e, along), self.rest.map(|x| x * share));
         let b = scaled(b, self.per_length);
-        let tilt = applied(&self.turn, b);
+        let tilt = applied(&self.frame_gradient, b);
         if self.own {
             return (flat(tilt), [Interval::ZERO; 2]);
         }
@@ -63,11 +63,11 @@ pub(super) struct Start {
     pub deflection: Interval,
     pub per_q: Interval,
     /// w/ρ.
-    pub w: Box3,
+    pub w: IntervalVector,
 }
 
 impl Start {
-    pub fn new(patch: &Patch, slopes: &Slopes, cell: &Cell, view: &View, frame: &Frame) -> Self {
+    pub fn new(patch: &ElementStates, slopes: &Slopes, cell: &Cell, view: &View, frame: &Frame) -> Self {
         let (z, r) = (cell.depth_m, cell.reach_m);
         let per_q = Interval::ONE.per(frame.q);
         Start {
@@ -82,7 +82,7 @@ impl Start {
 }
 
 impl Drive {
-    pub fn new(patch: &Patch, slopes: &Slopes, cell: &Cell, view: &View, frame: &Frame) -> Self {
+    pub fn new(patch: &ElementStates, slopes: &Slopes, cell: &Cell, view: &View, frame: &Frame) -> Self {
         let Start { turning, n, depth, deflection, per_q, w } = Start::new(patch, slopes, cell, view, frame);
         let beside = deflection * frame.along_u * per_q;
         let couple = Couple {
@@ -97,10 +97,10 @@ impl Drive {
             per_length: frame.per_length,
             u: frame.u,
             own: patch.slip == SlipRule::Exact,
-            turn: turning.turn,
+            frame_gradient: turning.frame_gradient,
             miss: turning.miss,
         };
-        let energies = slopes.by_force(&patch.law, cell, view.turn);
+        let energies = slopes.by_force(&patch.law, cell, view.azimuth);
         let half = deflection * per_q * 0.5;
         let forces = [frame.u, w];
         let parts = [0, 1].map(|k| {
@@ -120,7 +120,7 @@ impl Drive {
                 return (flat(less(forces[k], mean)), [Interval::ZERO; 2], 0.0);
             }
             let bent = turned(n, view, frame.u, &nodes);
-            let tilt = couple.taken(k as f64).0.iter().map(|x| x.magnitude()).sum::<f64>();
+            let tilt = couple.reaction(k as f64).0.iter().map(|x| x.magnitude()).sum::<f64>();
             let rounding =
                 SINGLE * (nodes.iter().flatten().map(|x| x.magnitude()).fold(0.0, f64::max) + tilt);
             let whole = less(mean, bent);
@@ -139,12 +139,13 @@ impl Drive {
     }
 
     /// g̃/f and (g − P g̃)/f over a range of shares: linear in them, so that the ends bound it.
-    pub fn at(&self, share: Interval) -> (Box3, [Interval; 2]) {
+    pub fn at(&self, share: Interval) -> (IntervalVector, [Interval; 2]) {
         let at = |s: f64| {
-            let (taken, more) = self.couple.taken(s);
-            let mix = |a: Interval, b: Interval| a * (1.0 - s) + b * s;
-            let vector: Box3 = std::array::from_fn(|i| mix(self.by[0][i], self.by[1][i]) - taken[i]);
-            (vector, [0, 1].map(|i| mix(self.miss[0][i], self.miss[1][i]) + more[i]))
+            let (reaction, more) = self.couple.reaction(s);
+            let blend = |a: Interval, b: Interval| a * (1.0 - s) + b * s;
+            let vector: IntervalVector =
+                std::array::from_fn(|i| blend(self.by[0][i], self.by[1][i]) - reaction[i]);
+            (vector, [0, 1].map(|i| blend(self.miss[0][i], self.miss[1][i]) + more[i]))
         };
         let ((a, m), (b, n)) = (at(share.lo), at(share.hi));
         (join3(a, b), [m[0].join(n[0]), m[1].join(n[1])])

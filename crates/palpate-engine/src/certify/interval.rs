@@ -13,7 +13,7 @@ pub(crate) struct Interval {
 }
 
 /// A vector whose components are intervals.
-pub(crate) type Box3 = [Interval; 3];
+pub(crate) type IntervalVector = [Interval; 3];
 
 impl Interval {
     pub const ZERO: Self = Self::point(0.0);
@@ -151,59 +151,59 @@ impl Mul<f64> for Interval {
 }
 
 #[inline]
-pub(crate) fn dot(a: Box3, b: Box3) -> Interval {
+pub(crate) fn dot(a: IntervalVector, b: IntervalVector) -> Interval {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[inline]
-pub(crate) fn scaled(a: Box3, s: Interval) -> Box3 {
+pub(crate) fn scaled(a: IntervalVector, s: Interval) -> IntervalVector {
     a.map(|x| x * s)
 }
 
 #[inline]
-pub(crate) fn sum<const N: usize>(terms: [Box3; N]) -> Box3 {
+pub(crate) fn sum<const N: usize>(terms: [IntervalVector; N]) -> IntervalVector {
     terms.into_iter().fold([Interval::ZERO; 3], |s, t| [s[0] + t[0], s[1] + t[1], s[2] + t[2]])
 }
 
 /// Its projection on the element.
 #[inline]
-pub(crate) fn flat([x, y, _]: Box3) -> Box3 {
+pub(crate) fn flat([x, y, _]: IntervalVector) -> IntervalVector {
     [x, y, Interval::ZERO]
 }
 
 /// A matrix, by rows, times a vector.
 #[inline]
-pub(crate) fn applied(rows: &[Box3; 3], v: Box3) -> Box3 {
+pub(crate) fn applied(rows: &[IntervalVector; 3], v: IntervalVector) -> IntervalVector {
     rows.map(|row| dot(row, v))
 }
 
 /// a − b.
 #[inline]
-pub(crate) fn less(a: Box3, b: Box3) -> Box3 {
+pub(crate) fn less(a: IntervalVector, b: IntervalVector) -> IntervalVector {
     std::array::from_fn(|i| a[i] - b[i])
 }
 
 /// v − û (û·v).
 #[inline]
-pub(crate) fn across(u: Box3, v: Box3) -> Box3 {
+pub(crate) fn across(u: IntervalVector, v: IntervalVector) -> IntervalVector {
     less(v, scaled(u, dot(u, v)))
 }
 
 /// e·M e of a matrix by rows.
 #[inline]
-pub(crate) fn quadratic(m: &[Box3; 3], e: Box3) -> Interval {
+pub(crate) fn quadratic(m: &[IntervalVector; 3], e: IntervalVector) -> Interval {
     dot(e, applied(m, e))
 }
 
 /// A vector.
 #[inline]
-pub(crate) fn points(v: DVec3) -> Box3 {
+pub(crate) fn points(v: DVec3) -> IntervalVector {
     v.to_array().map(Interval::point)
 }
 
 /// A matrix, by rows.
 #[inline]
-pub(crate) fn rows(m: DMat3) -> [Box3; 3] {
+pub(crate) fn rows(m: DMat3) -> [IntervalVector; 3] {
     [0, 1, 2].map(|i| points(m.row(i)))
 }
 
@@ -226,7 +226,7 @@ pub(crate) fn direction([x, y]: [Interval; 2]) -> [Interval; 2] {
 }
 
 #[inline]
-pub(crate) fn length(a: Box3) -> Interval {
+pub(crate) fn length(a: IntervalVector) -> Interval {
     (a[0].square() + a[1].square() + a[2].square()).sqrt()
 }
 
@@ -253,12 +253,12 @@ pub(crate) fn range([a, b, c, d, e]: [f64; 5], from: f64, to: f64) -> Interval {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensitivity::tests::chance;
+    use crate::sensitivity::tests::random;
 
     #[test]
     fn bounds_hold_what_they_bound() {
-        let mut chance = chance(3);
-        let mut unit = || chance() - 0.5;
+        let mut random = random(3);
+        let mut unit = || random() - 0.5;
         for _ in 0..2000 {
             let pair = |x: f64, y: f64| Interval::hull([x, y]);
             let (a, b) = (pair(unit(), unit()), pair(unit(), unit()));

@@ -51,7 +51,7 @@ impl Reading {
         self.slope.normal.hi.max(self.lateral_stiffness(stretch))
     }
 
-    /// The same sideways.
+    /// The same laterally.
     pub fn lateral_stiffness(&self, stretch: f64) -> f64 {
         stretch * self.slope.lateral.hi.max(self.secant.hi)
     }
@@ -64,11 +64,11 @@ impl Law {
         let (depths, laterals) = (responses.depth_knots().values(), responses.lateral_knots().values());
         let depth_rows: Vec<[[f64; 9]; 3]> = depths
             .iter()
-            .map(|&k| nodes.map(|n| responses.depth_rows(n.test_points, k).mix(n.weights)))
+            .map(|&k| nodes.map(|n| responses.depth_rows(n.test_points, k).blend(n.weights)))
             .collect();
         let lateral = laterals.iter().map(|&k| {
             nodes.map(|n| {
-                let [integral, a, b, c, d] = responses.lateral_rows(n.test_points, k).mix(n.weights);
+                let [integral, a, b, c, d] = responses.lateral_rows(n.test_points, k).blend(n.weights);
                 ([a, b, c, d], integral)
             })
         });

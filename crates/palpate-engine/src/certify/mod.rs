@@ -1,7 +1,7 @@
 //! Certificates: bounds, over all states that a slip can come through on an element, of the energy that it takes out,
 //! of its stability, and of how fast the force changes (MODEL 5; docs/passivity.md derives them).
 //!
-//! A [`Patch`] is an element, a [`Cell`] a set of its states, a [`Criterion`] what is bounded over it. [`least`] cuts
+//! A [`ElementStates`] is an element, a [`Cell`] a set of its states, a [`Criterion`] what is bounded over it. [`least`] cuts
 //! cells until the bound is near the least value found, or decides. The bound is interval arithmetic over the curves'
 //! Bernstein ordinates: a proof up to rounding, not a sample. Offline: this allocates, and [`Contact::step`] never
 //! comes here.
@@ -26,7 +26,7 @@ mod turning;
 use palpate_body::SlipRule;
 
 pub use criteria::Criterion;
-pub use patch::{Cell, Patch, State};
+pub use patch::{Cell, ElementStates, SlipState};
 pub use search::{Bounds, Effort, ROUNDING, least};
 
 /// For which motions a certificate holds.
@@ -37,7 +37,7 @@ pub struct Assumptions {
     pub step_m: f64,
     /// Deepest δz, m; none is the curves' last knot.
     pub depth_m: Option<f64>,
-    /// How far aside of the drive the way of a slip may be, rad: the slip search follows the drive in straight pieces.
+    /// How far off the drive the way of a slip may be, rad: the slip search follows the drive in straight pieces.
     pub aside_rad: f64,
     /// What the body's friction is multiplied by.
     pub friction_factor: f64,

@@ -2,7 +2,7 @@
 
 use super::Assumptions;
 use super::curves::Corners;
-use super::interval::{Box3, Interval};
+use super::interval::{Interval, IntervalVector};
 use super::law::Law;
 use super::slopes::Slopes;
 use glam::{DMat3, DVec2, DVec3};
@@ -12,7 +12,7 @@ use std::f64::consts::PI;
 /// Friction that holds beyond this many times the lateral curves' end is not followed farther.
 const FARTHEST: f64 = 10.0;
 
-/// A set of slip states on one element: where, how deep, which way, how far aside.
+/// A set of slip states on one element: where, how deep, which way, how far laterally.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cell {
     /// Area coordinates of the corners of the part of the element that the contact point is in.
@@ -21,7 +21,7 @@ pub struct Cell {
     pub depth_m: [f64; 2],
     /// Direction of the lateral deflection, as its projection on the element: the angle from the first edge, round the
     /// inward normal, rad.
-    pub turn: [f64; 2],
+    pub azimuth: [f64; 2],
     /// ρ (δr on an isotropic body), m.
     pub reach_m: [f64; 2],
 }
@@ -31,12 +31,12 @@ pub struct Cell {
 pub(super) enum Cut {
     Place,
     Depth,
-    Turn,
+    Azimuth,
     Reach,
 }
 
 impl Cut {
-    pub const ALL: [Cut; 4] = [Cut::Place, Cut::Depth, Cut::Turn, Cut::Reach];
+    pub const ALL: [Cut; 4] = [Cut::Place, Cut::Depth, Cut::Azimuth, Cut::Reach];
 }
 
 impl Cell {
@@ -55,7 +55,7 @@ impl Cell {
                 cell.corners = [std::array::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0); 3];
             }
             Cut::Depth => cell.depth_m = middle(self.depth_m),
-            Cut::Turn => cell.turn = middle(self.turn),
+            Cut::Azimuth => cell.azimuth = middle(self.azimuth),
             Cut::Reach => cell.reach_m = middle(self.reach_m),
         }
         cell
@@ -82,9 +82,9 @@ impl Cell {
                 low.depth_m[1] = middle(self.depth_m);
                 high.depth_m[0] = middle(self.depth_m);
             }
-            Cut::Turn => {
-                low.turn[1] = middle(self.turn);
-                high.turn[0] = middle(self.turn);
+            Cut::Azimuth => {
+                low.azimuth[1] = middle(self.azimuth);
+                high.azimuth[0] = middle(self.azimuth);
             }
             Cut::Reach => {
                 low.reach_m[1] = middle(self.reach_m);
@@ -95,7 +95,7 @@ impl Cell {
     }
 
     /// Its width in one direction, as a share of the most there can be.
-    pub(super) fn width(&self, cut: Cut, patch: &Patch) -> f64 {
+    pub(super) fn width(&self, cut: Cut, patch: &ElementStates) -> f64 {
         let wide = |[a, b]: [f64; 2], most: f64| (b - a) / most;
         match cut {
             Cut::Place => {
@@ -103,7 +103,7 @@ impl Cell {
                 (0..3).map(|i| spread(i).hi - spread(i).lo).fold(0.0, f64::max)
             }
             Cut::Depth => wide(self.depth_m, patch.depth_end_m),
-            Cut::Turn => wide(self.turn, PI),
+            Cut::Azimuth => wide(self.azimuth, PI),
             Cut::Reach => wide(self.reach_m, patch.reach_m),
         }
     }
@@ -111,7 +111,7 @@ impl Cell {
 
 /// A slip state in the body's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct State {
+pub struct SlipState {
     /// c, m.
     pub contact: DVec3,
     /// û.
@@ -121,12 +121,12 @@ pub struct State {
     /// δ_t, m.
     pub lateral: DVec3,
     /// x, m.
-    pub tip: DVec3,
+    pub tool_position: DVec3,
 }
 
 /// An element, its frames and its curves.
 #[derive(Debug, Clone)]
-pub struct Patch {
+pub struct ElementStates {
     /// In the element: x along the first edge, z its inward normal; all vectors below are in this basis.
     axes: [DVec3; 3],
     /// In the body's frame, m.
@@ -153,11 +153,11 @@ pub struct Patch {
     pub(super) beyond: bool,
     /// The tool's longest step, m.
     pub(super) step_m: f64,
-    /// How far the way of a slip may be aside of the drive, rad.
+    /// How far the way of a slip may be off the drive, rad.
     pub(super) aside: f64,
 }
 
-impl Patch {
+impl ElementStates {
     /// Element `element` of `body`, which must exist.
     pub fn new(body: &Body, element: u32, assumptions: &Assumptions) -> Self {
         let nodes = body.element_nodes(element);
@@ -174,18 +174,18 @@ impl Patch {
         let gradients = [-g1 - g2, g1, g2];
         let law = Law::new(body, nodes, assumptions.friction_factor);
         let slip = assumptions.slip;
-        let mut patch = Patch {
+        let mut patch = ElementStates {
             axes,
             corners: [p, q, r],
             gradients,
             frames: nodes.map(|n| local(n.inward)),
             tensors: (!body.is_isotropic()).then(|| {
-                let turn = DMat3::from_cols(axes[0], axes[1], axes[2]);
+                let azimuth = DMat3::from_cols(axes[0], axes[1], axes[2]);
                 let tensors = body.element_tensors(element);
                 let values = [0, 1, 2].map(|l| tensor::Principal::of(tensors[l], nodes[l].inward).values);
                 let least = values.iter().fold(f64::INFINITY, |v, [_, low]| v.min(*low));
                 let greatest = values.iter().fold(0.0f64, |v, [high, _]| v.max(*high));
-                (tensors.map(|a| turn.transpose() * matrix(a) * turn), [least, greatest])
+                (tensors.map(|a| azimuth.transpose() * matrix(a) * azimuth), [least, greatest])
             }),
             slopes: (slip != SlipRule::Paper)
                 .then(|| Slopes::new(body, element, slip, axes, gradients, law.curves())),
@@ -219,7 +219,7 @@ impl Patch {
             .map(|i| Cell {
                 corners: WHOLE,
                 depth_m: [0.0, self.depth_end_m],
-                turn: [f64::from(i) * PI / 4.0, f64::from(i + 1) * PI / 4.0],
+                azimuth: [f64::from(i) * PI / 4.0, f64::from(i + 1) * PI / 4.0],
                 reach_m: [0.0, self.reach_m],
             })
             .collect()
@@ -236,10 +236,10 @@ impl Patch {
     }
 
     /// A [`Cell`] without extent, as a place and a deflection.
-    pub fn state(&self, cell: &Cell) -> State {
+    pub fn state(&self, cell: &Cell) -> SlipState {
         let n = cell.corners[0];
         let body = |v: DVec3| self.axes[0] * v.x + self.axes[1] * v.y + self.axes[2] * v.z;
-        let (sin, cos) = cell.turn[0].sin_cos();
+        let (sin, cos) = cell.azimuth[0].sin_cos();
         let d = DVec3::new(cos, sin, 0.0);
         let frame: DVec3 = (0..3).map(|l| self.frames[l] * n[l]).sum();
         let u = frame.normalize();
@@ -250,11 +250,11 @@ impl Patch {
             .map_or(1.0, |(tensors, _)| (0..3).map(|l| n[l] * e.dot(tensors[l] * e)).sum::<f64>().sqrt());
         let contact: DVec3 = (0..3).map(|l| self.corners[l] * n[l]).sum();
         let lateral = body(e) * (cell.reach_m[0] / q);
-        let tip = contact + body(u) * (cell.depth_m[0] - self.radius_m) + lateral;
-        State { contact, inward: body(u), along: body(d), lateral, tip }
+        let tool_position = contact + body(u) * (cell.depth_m[0] - self.radius_m) + lateral;
+        SlipState { contact, inward: body(u), along: body(d), lateral, tool_position }
     }
 
-    /// The same place and depth, as far aside in the same direction as friction just holds.
+    /// The same place and depth, as far laterally in the same direction as friction just holds.
     pub fn at_limit(&self, cell: &Cell) -> Cell {
         Cell { reach_m: [super::criteria::limit_reach(self, cell); 2], ..*cell }
     }
@@ -262,7 +262,7 @@ impl Patch {
     /// The contact point moved along the element, by `way` (m) in the direction of the lateral deflection; none beyond
     /// its sides.
     pub fn moved(&self, cell: &Cell, way: f64) -> Option<Cell> {
-        let (sin, cos) = cell.turn[0].sin_cos();
+        let (sin, cos) = cell.azimuth[0].sin_cos();
         let n: [f64; 3] = std::array::from_fn(|i| {
             cell.corners[0][i] + way * (cos * self.gradients[i].x + sin * self.gradients[i].y)
         });
@@ -276,32 +276,32 @@ impl Patch {
 
     /// The cell's vectors, in a basis turned to its middle direction.
     pub(super) fn view(&self, cell: &Cell) -> View {
-        let middle = 0.5 * (cell.turn[0] + cell.turn[1]);
+        let middle = 0.5 * (cell.azimuth[0] + cell.azimuth[1]);
         let (sin, cos) = middle.sin_cos();
         let turned = |v: DVec3| DVec3::new(cos * v.x + sin * v.y, cos * v.y - sin * v.x, v.z);
         let gx = self.gradients.map(|g| cos * g.x + sin * g.y);
         let gy = self.gradients.map(|g| cos * g.y - sin * g.x);
         let frames = self.frames.map(turned);
-        let mix = |n: [f64; 3]| frames[0] * n[0] + frames[1] * n[1] + frames[2] * n[2];
-        let u = cell.corners.map(mix);
-        let half = 0.5 * (cell.turn[1] - cell.turn[0]);
+        let blend = |n: [f64; 3]| frames[0] * n[0] + frames[1] * n[1] + frames[2] * n[2];
+        let u = cell.corners.map(blend);
+        let half = 0.5 * (cell.azimuth[1] - cell.azimuth[0]);
         let stretch = self.tensors.as_ref().map(|(tensors, _)| {
             let r = DMat3::from_cols(DVec3::new(cos, sin, 0.0), DVec3::new(-sin, cos, 0.0), DVec3::Z);
             let tensors = tensors.map(|a| r.transpose() * a * r);
-            let mix = |n: [f64; 3]| tensors[0] * n[0] + tensors[1] * n[1] + tensors[2] * n[2];
-            let at = cell.corners.map(mix);
+            let blend = |n: [f64; 3]| tensors[0] * n[0] + tensors[1] * n[1] + tensors[2] * n[2];
+            let at = cell.corners.map(blend);
             let entry = |i: usize, j: usize| Interval::hull(at.map(|a| a.col(j)[i]));
-            let mixed = std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j)));
-            (mixed, [mix(gx), mix(gy)])
+            let blended = std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j)));
+            (blended, [blend(gx), blend(gy)])
         });
-        View { gx, gy, u, du: [mix(gx), mix(gy)], frames, turn: [cos, sin], half, stretch }
+        View { gx, gy, u, du: [blend(gx), blend(gy)], frames, azimuth: [cos, sin], half, stretch }
     }
 }
 
 /// The whole element.
 pub(super) const WHOLE: Corners = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
-/// See [`Patch::view`].
+/// See [`ElementStates::view`].
 pub(super) struct View {
     /// Components of ∇n, 1/m.
     pub gx: [f64; 3],
@@ -313,11 +313,11 @@ pub(super) struct View {
     /// Of the nodes.
     pub frames: [DVec3; 3],
     /// Cosine and sine of the middle direction.
-    pub turn: [f64; 2],
+    pub azimuth: [f64; 2],
     /// Half the angle between the cell's directions, rad.
     pub half: f64,
     /// A, by rows, and its gradient along x and y; none where the body is isotropic.
-    pub stretch: Option<([Box3; 3], [DMat3; 2])>,
+    pub stretch: Option<([IntervalVector; 3], [DMat3; 2])>,
 }
 
 pub(super) fn matrix([xx, yy, zz, xy, xz, yz]: &Tensor) -> DMat3 {

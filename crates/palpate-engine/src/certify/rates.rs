@@ -1,42 +1,42 @@
-//! How drive, force and limit change over a cell, while the contact point or the tip moves: S and L of the rules whose
+//! How drive, force and limit change over a cell, while the contact point or the tool moves: S and L of the rules whose
 //! drive is more than the lateral force.
 
 use super::criteria::{Frame, Slope};
 use super::drive::Start;
 use super::interval::{
-    Box3, Interval, applied, dot, flat, length, less, points, quadratic, rows, scaled, sum,
+    Interval, IntervalVector, applied, dot, flat, length, less, points, quadratic, rows, scaled, sum,
 };
 use super::law::{Forces, Reading};
-use super::patch::{Cell, Patch, View};
+use super::patch::{Cell, ElementStates, View};
 use super::slopes::{Read, Slopes};
 use super::states::{Piece, SHARES};
 use super::turning::{Turning, turned};
 use glam::{DMat3, DVec3};
 use palpate_body::SlipRule;
 
-/// What changes by how much while the contact point moves along the element, or the tip.
+/// What changes by how much while the contact point moves along the element, or the tool.
 struct Rate {
-    drive: Box3,
-    force: Box3,
+    drive: IntervalVector,
+    force: IntervalVector,
     limit: Interval,
 }
 
 /// How the deflections change.
 struct Motion {
-    /// ∇n along the axis that c moves along, 1/m; none where the tip moves.
+    /// ∇n along the axis that c moves along, 1/m; none where the tool moves.
     g: Option<[f64; 3]>,
     /// δ.
-    delta: Box3,
+    delta: IntervalVector,
     /// û before projecting, and the part of that along û; û itself, 1/m.
-    turn: Box3,
+    frame_gradient: IntervalVector,
     stretching: Interval,
-    du: Box3,
+    du: IntervalVector,
     /// δz, δ_t and ρ.
     depth: Interval,
-    tangential: Box3,
+    tangential: IntervalVector,
     rho: Interval,
     /// A e, 1/m.
-    twist: Box3,
+    twist: IntervalVector,
 }
 
 /// How the forces change, N/m.
@@ -46,18 +46,18 @@ struct Forcing {
     /// ρ g'.
     secant: Interval,
     /// A δ_t, its projection w, and g û·A δ_t.
-    stretched: Box3,
-    dw: Box3,
+    stretched: IntervalVector,
+    dw: IntervalVector,
     beside: Interval,
     /// f_t, f and L.
-    lateral: Box3,
-    force: Box3,
+    lateral: IntervalVector,
+    force: IntervalVector,
     limit: Interval,
 }
 
 /// Forces and gradients over a cell.
 pub(super) struct Rates<'a> {
-    patch: &'a Patch,
+    patch: &'a ElementStates,
     slopes: &'a Slopes,
     cell: &'a Cell,
     view: &'a View,
@@ -68,24 +68,24 @@ pub(super) struct Rates<'a> {
     deflection: Interval,
     per_q: Interval,
     /// w/ρ.
-    w: Box3,
+    w: IntervalVector,
     law: Reading,
     /// f_z − g (δz − R) − g û·A δ_t, N: what stands by δ_t in b.
     straight: Interval,
     /// P_û A e − e.
-    stretch_rest: Box3,
+    stretch_rest: IntervalVector,
     /// b/|Σ n u|, N.
-    couple: Box3,
+    couple: IntervalVector,
     /// The nodes' ∇(W_l + ½ g δ_t·A δ_t), N, and the sum of all that is taken off f_t.
-    nodes: [Box3; 3],
-    whole: Box3,
+    nodes: [IntervalVector; 3],
+    whole: IntervalVector,
     /// ∂W/∂δz and ∂W/∂ρ of the nodes' gradients, N/m.
     rates: [Read; 2],
 }
 
 impl<'a> Rates<'a> {
     pub fn new(
-        patch: &'a Patch,
+        patch: &'a ElementStates,
         slopes: &'a Slopes,
         cell: &'a Cell,
         view: &'a View,
@@ -101,7 +101,7 @@ impl<'a> Rates<'a> {
         let couple =
             less(scaled(frame.e, deflection * straight), scaled(stretch_rest, secant * deflection * depth));
         let couple = scaled(couple, frame.per_length);
-        let [a, b] = slopes.values(&patch.law, cell, view.turn);
+        let [a, b] = slopes.values(&patch.law, cell, view.azimuth);
         let mut mean = sum([a.sum, b.sum]);
         let mut nodes = [0, 1, 2].map(|l: usize| sum([a.nodes[l], b.nodes[l]]));
         let half = lateral * deflection * per_q * 0.5;
@@ -113,7 +113,7 @@ impl<'a> Rates<'a> {
                 }
             }
         }
-        let mut whole = sum([mean, applied(&turning.turn, couple)]);
+        let mut whole = sum([mean, applied(&turning.frame_gradient, couple)]);
         if patch.slip != SlipRule::Exact {
             whole = less(whole, turned(n, view, frame.u, &nodes));
         }
@@ -135,35 +135,35 @@ impl<'a> Rates<'a> {
             couple,
             nodes,
             whole,
-            rates: slopes.rates(&patch.law, cell, view.turn),
+            rates: slopes.rates(&patch.law, cell, view.azimuth),
         }
     }
 
-    /// While δ changes by `delta`: as c moves along the element's `axis`, or the tip with c held.
+    /// While δ changes by `delta`: as c moves along the element's `axis`, or the tool with c held.
     fn rate(&self, delta: DVec3, axis: Option<usize>) -> Rate {
         let moving = self.motion(delta, axis);
         let pulling = self.forces(&moving);
-        let taken = self.taken(&moving, &pulling);
+        let reaction = self.reaction(&moving, &pulling);
         let Rates { patch, frame: Frame { u, .. }, .. } = self;
         let (force, limit) = (pulling.force, pulling.limit);
         if patch.slip == SlipRule::Exact {
-            return Rate { drive: flat(less(force, taken)), force, limit };
+            return Rate { drive: flat(less(force, reaction)), force, limit };
         }
         // P_û turns with û.
         let inside = dot(*u, self.whole);
         let drive = if axis.is_some() {
             // All that is along û is left out: the drive's direction is at right angles to it.
-            let bare: Box3 = if patch.is_stretched() {
+            let bare: IntervalVector = if patch.is_stretched() {
                 let along = self.deflection * self.frame.along_u;
-                std::array::from_fn(|i| pulling.stretched[i] - moving.turn[i] * along)
+                std::array::from_fn(|i| pulling.stretched[i] - moving.frame_gradient[i] * along)
             } else {
-                std::array::from_fn(|i| moving.delta[i] - moving.turn[i] * self.depth)
+                std::array::from_fn(|i| moving.delta[i] - moving.frame_gradient[i] * self.depth)
             };
-            let pull = sum([scaled(self.w, pulling.secant), scaled(bare, self.law.secant)]);
-            sum([less(pull, taken), scaled(moving.turn, inside)])
+            let lateral_force = sum([scaled(self.w, pulling.secant), scaled(bare, self.law.secant)]);
+            sum([less(lateral_force, reaction), scaled(moving.frame_gradient, inside)])
         } else {
-            let through = dot(*u, taken) + dot(moving.du, self.whole);
-            sum([less(pulling.lateral, taken), scaled(*u, through), scaled(moving.du, inside)])
+            let through = dot(*u, reaction) + dot(moving.du, self.whole);
+            sum([less(pulling.lateral, reaction), scaled(*u, through), scaled(moving.du, inside)])
         };
         Rate { drive, force, limit }
     }
@@ -173,21 +173,22 @@ impl<'a> Rates<'a> {
         let Rates { view, frame, .. } = self;
         let (u, e, zero) = (frame.u, frame.e, Interval::ZERO);
         let delta = points(delta);
-        let turn = axis.map_or([zero; 3], |k| scaled(points(view.du[k]), frame.per_length));
-        let stretching = dot(u, turn);
-        let du = less(turn, scaled(u, stretching));
-        let depth = self.deflection * dot(e, turn) + dot(u, delta);
+        let frame_gradient = axis.map_or([zero; 3], |k| scaled(points(view.du[k]), frame.per_length));
+        let stretching = dot(u, frame_gradient);
+        let du = less(frame_gradient, scaled(u, stretching));
+        let depth = self.deflection * dot(e, frame_gradient) + dot(u, delta);
         let tangential = std::array::from_fn(|i| delta[i] - u[i] * depth - du[i] * self.depth);
         let twist = match (axis, &view.stretch) {
             (Some(k), Some((_, own))) => applied(&rows(own[k]), e),
             _ => [zero; 3],
         };
         // δ_t'·A e, with du·A e = turn·w.
-        let rho = (dot(delta, frame.stretched) - depth * frame.along_u - self.depth * dot(turn, frame.w)
-            + self.deflection * dot(e, twist) * 0.5)
-            * self.per_q;
+        let rho =
+            (dot(delta, frame.stretched) - depth * frame.along_u - self.depth * dot(frame_gradient, frame.w)
+                + self.deflection * dot(e, twist) * 0.5)
+                * self.per_q;
         let g = axis.map(|k| if k == 0 { view.gx } else { view.gy });
-        Motion { g, delta, turn, stretching, du, depth, tangential, twist, rho }
+        Motion { g, delta, frame_gradient, stretching, du, depth, tangential, twist, rho }
     }
 
     /// The forces and the limit.
@@ -221,17 +222,18 @@ impl<'a> Rates<'a> {
     }
 
     /// b/|Σ n u| with |Σ n u| held, N.
-    fn couple(&self, m: &Motion, f: &Forcing) -> Box3 {
+    fn couple(&self, m: &Motion, f: &Forcing) -> IntervalVector {
         let Rates { law, frame: Frame { e, per_length, .. }, .. } = self;
         // Both forces' slopes together, and what is left of A apart.
         let along_e = self.deflection
             * ((law.slope.normal - law.secant) * m.depth + f.along.normal - f.beside)
             - self.depth * f.secant;
-        let couple: Box3 = std::array::from_fn(|i| m.tangential[i] * self.straight + e[i] * along_e);
+        let couple: IntervalVector =
+            std::array::from_fn(|i| m.tangential[i] * self.straight + e[i] * along_e);
         if !self.patch.is_stretched() {
             return scaled(couple, *per_length);
         }
-        let rest: Box3 = std::array::from_fn(|i| {
+        let rest: IntervalVector = std::array::from_fn(|i| {
             (self.w[i] - e[i]) * (f.secant * self.depth)
                 + (f.dw[i] - m.tangential[i]) * (law.secant * self.depth)
                 + self.stretch_rest[i] * (law.secant * self.deflection * m.depth)
@@ -240,49 +242,50 @@ impl<'a> Rates<'a> {
     }
 
     /// What is taken off f_t, before P_û.
-    fn taken(&self, m: &Motion, f: &Forcing) -> Box3 {
+    fn reaction(&self, m: &Motion, f: &Forcing) -> IntervalVector {
         let Rates { patch, view, frame: Frame { u, e, .. }, law, turning, .. } = self;
         let (own, g) = (patch.slip == SlipRule::Exact, m.g.unwrap_or([0.0; 3]));
-        let mut taken = sum([
+        let mut reaction = sum([
             scaled(self.rates[0].sum, m.depth),
             scaled(self.rates[1].sum, m.rho),
-            applied(&turning.turn, less(self.couple(m, f), scaled(self.couple, m.stretching))),
+            applied(&turning.frame_gradient, less(self.couple(m, f), scaled(self.couple, m.stretching))),
         ]);
-        let mixed = |each: [DMat3; 3]| rows(each[0] * g[0] + each[1] * g[1] + each[2] * g[2]);
+        let blended = |each: [DMat3; 3]| rows(each[0] * g[0] + each[1] * g[1] + each[2] * g[2]);
         if m.g.is_some() && !own {
-            let second = self.slopes.second(&patch.law, self.cell, g, view.turn);
-            taken = sum([taken, second, applied(&mixed(turning.each), self.couple)]);
+            let second = self.slopes.second(&patch.law, self.cell, g, view.azimuth);
+            reaction = sum([reaction, second, applied(&blended(turning.each), self.couple)]);
         }
-        let mut nodes: [Box3; 3] = std::array::from_fn(|l| {
+        let mut nodes: [IntervalVector; 3] = std::array::from_fn(|l| {
             sum([scaled(self.rates[0].nodes[l], m.depth), scaled(self.rates[1].nodes[l], m.rho)])
         });
         if let (Some((along, _)), Some(changes)) = (&turning.change, &turning.changes) {
             // d(½ g δ_t·K δ_t) = ½ (ρ dg) (δr/q) e·K e + g δr e·K dδ_t.
             let (grown, by) = (f.secant * self.deflection * self.per_q * 0.5, law.secant * self.deflection);
             let square = law.secant * self.deflection.square() * 0.5;
-            let of = |k: &[Box3; 3]| quadratic(k, *e) * grown + dot(applied(k, *e), m.tangential) * by;
+            let of =
+                |k: &[IntervalVector; 3]| quadratic(k, *e) * grown + dot(applied(k, *e), m.tangential) * by;
             for axis in 0..3 {
-                taken[axis] = taken[axis] + of(&along[axis]);
+                reaction[axis] = reaction[axis] + of(&along[axis]);
                 for (node, change) in nodes.iter_mut().zip(changes) {
                     node[axis] = node[axis] + of(&rows(change[axis]));
                 }
                 if !own {
-                    let across = mixed([0, 1, 2].map(|l: usize| changes[l][axis]));
-                    taken[axis] = taken[axis] + quadratic(&across, *e) * square;
+                    let across = blended([0, 1, 2].map(|l: usize| changes[l][axis]));
+                    reaction[axis] = reaction[axis] + quadratic(&across, *e) * square;
                 }
             }
         }
         if own {
-            return taken;
+            return reaction;
         }
-        taken = less(taken, turned(self.n, view, *u, &nodes));
+        reaction = less(reaction, turned(self.n, view, *u, &nodes));
         for (l, (node, share)) in view.frames.iter().zip(g).enumerate() {
-            // The nodes' parts of the mix, and û, change too.
+            // The nodes' parts of the blend, and û, change too.
             let part = dot(less(*u, points(*node)), self.nodes[l]) * (0.5 * share)
                 + self.n[l] * dot(m.du, self.nodes[l]) * 0.5;
-            taken = less(taken, scaled(points(*node), part));
+            reaction = less(reaction, scaled(points(*node), part));
         }
-        taken
+        reaction
     }
 
     /// What slip does to the drive and the force: along t, P v's direction, v = g̃/|g̃|.
@@ -320,13 +323,14 @@ impl<'a> Rates<'a> {
 
         let v = [size * t[0], size * t[1], -(size * out)];
         let frictionless = self.law.at.friction.lo <= 0.0;
-        let tip = |axis: DVec3| {
+        let tool_position = |axis: DVec3| {
             let rate = self.rate(axis, None);
-            let pull = if frictionless { length(rate.drive).hi } else { dot(v, rate.drive).magnitude() };
+            let lateral_force =
+                if frictionless { length(rate.drive).hi } else { dot(v, rate.drive).magnitude() };
             let limit = rate.limit.magnitude();
-            if frictionless { pull + limit } else { (dot(v, rate.drive) - rate.limit).magnitude() }
+            if frictionless { lateral_force + limit } else { (dot(v, rate.drive) - rate.limit).magnitude() }
         };
-        let excess: f64 = if tips { DVec3::AXES.map(tip).iter().map(|x| x * x).sum() } else { 0.0 };
+        let excess: f64 = if tips { DVec3::AXES.map(tool_position).iter().map(|x| x * x).sum() } else { 0.0 };
         Slope {
             eta,
             force: length(force).hi.min((length(along[0].force).hi).hypot(length(along[1].force).hi)),

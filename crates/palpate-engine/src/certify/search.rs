@@ -1,7 +1,7 @@
 //! Branch and bound: from both sides, the least value of a criterion over the slip states of an element.
 
 use super::criteria::{Criterion, limit_reach};
-use super::patch::{Cell, Cut, Patch};
+use super::patch::{Cell, Cut, ElementStates};
 use super::states;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -68,7 +68,7 @@ impl Ord for Open {
 
 /// Looks for the least value of `criterion` on `patch` from both sides: among single states, going down from the best of
 /// a coarse grid, and by bounds, always cutting the cell whose bound is least. Once P or S is lost it ends soon.
-pub fn least(criterion: Criterion, patch: &Patch, cells: &[Cell], effort: Effort) -> Bounds {
+pub fn least(criterion: Criterion, patch: &ElementStates, cells: &[Cell], effort: Effort) -> Bounds {
     let mut found = Bounds { proved: f64::INFINITY, found: f64::INFINITY, at: None, evaluations: 0 };
     for cell in cells {
         scan(criterion, patch, cell, &mut found);
@@ -118,7 +118,7 @@ pub fn least(criterion: Criterion, patch: &Patch, cells: &[Cell], effort: Effort
 }
 
 /// States of a cell on a coarse grid.
-fn scan(criterion: Criterion, patch: &Patch, cell: &Cell, found: &mut Bounds) {
+fn scan(criterion: Criterion, patch: &ElementStates, cell: &Cell, found: &mut Bounds) {
     let state = cell.middle();
     let places = [cell.corners[0], cell.corners[1], cell.corners[2], state.corners[0]];
     for place in places {
@@ -133,32 +133,32 @@ fn scan(criterion: Criterion, patch: &Patch, cell: &Cell, found: &mut Bounds) {
 }
 
 /// From the best state so far, one coordinate at a time, with ever shorter ways, as long as the criterion falls.
-fn descend(criterion: Criterion, patch: &Patch, cells: &[Cell], found: &mut Bounds) {
+fn descend(criterion: Criterion, patch: &ElementStates, cells: &[Cell], found: &mut Bounds) {
     let Some(first) = cells.first() else { return };
     let (depths, reaches) = (first.depth_m, first.reach_m);
     for size in [0.3, 0.15, 0.08, 0.04, 0.02] {
         let before = found.found;
         let Some(state) = found.at else { return };
-        let at = |n: [f64; 3], depth: f64, turn: f64| Cell {
+        let at = |n: [f64; 3], depth: f64, azimuth: f64| Cell {
             corners: [n; 3],
             depth_m: [depth.clamp(depths[0], depths[1]); 2],
-            turn: [turn; 2],
+            azimuth: [azimuth; 2],
             ..state
         };
-        let (n, depth, turn) = (state.corners[0], state.depth_m[0], state.turn[0]);
+        let (n, depth, azimuth) = (state.corners[0], state.depth_m[0], state.azimuth[0]);
         for to in first.corners {
             let n = std::array::from_fn(|i| n[i] + size * (to[i] - n[i]));
-            sample(criterion, patch, at(n, depth, turn), reaches, found);
+            sample(criterion, patch, at(n, depth, azimuth), reaches, found);
         }
         for sign in [-1.0, 1.0] {
             sample(
                 criterion,
                 patch,
-                at(n, depth + sign * size * (depths[1] - depths[0]), turn),
+                at(n, depth + sign * size * (depths[1] - depths[0]), azimuth),
                 reaches,
                 found,
             );
-            sample(criterion, patch, at(n, depth, turn + sign * size), reaches, found);
+            sample(criterion, patch, at(n, depth, azimuth + sign * size), reaches, found);
         }
         if found.found < before {
             // Farther the same way, as often as it pays.
@@ -170,7 +170,7 @@ fn descend(criterion: Criterion, patch: &Patch, cells: &[Cell], found: &mut Boun
 /// On from the best state, by the way that led to it from `before`.
 fn descend_along(
     criterion: Criterion,
-    patch: &Patch,
+    patch: &ElementStates,
     before: Cell,
     depths: [f64; 2],
     reaches: [f64; 2],
@@ -183,8 +183,8 @@ fn descend_along(
         return;
     }
     let depth = on(before.depth_m[0], state.depth_m[0]).clamp(depths[0], depths[1]);
-    let turn = on(before.turn[0], state.turn[0]);
-    let next = Cell { corners: [n; 3], depth_m: [depth; 2], turn: [turn; 2], ..state };
+    let azimuth = on(before.azimuth[0], state.azimuth[0]);
+    let next = Cell { corners: [n; 3], depth_m: [depth; 2], azimuth: [azimuth; 2], ..state };
     sample(criterion, patch, next, reaches, found);
 }
 
@@ -204,7 +204,7 @@ impl Cuts {
     fn best(
         &mut self,
         criterion: Criterion,
-        patch: &Patch,
+        patch: &ElementStates,
         cell: &Cell,
         bound: f64,
         evaluations: &mut u32,
@@ -238,7 +238,13 @@ impl Cuts {
 }
 
 /// The value at a state, with the least deflection within `reaches` that slips.
-fn sample(criterion: Criterion, patch: &Patch, state: Cell, [least, most]: [f64; 2], found: &mut Bounds) {
+fn sample(
+    criterion: Criterion,
+    patch: &ElementStates,
+    state: Cell,
+    [least, most]: [f64; 2],
+    found: &mut Bounds,
+) {
     if patch.slopes.is_some() {
         // At its limit, and as it is.
         let crossing = states::crossing(patch, &state, [least, most], 4).map(|reach| [reach; 2]);
@@ -255,7 +261,7 @@ fn sample(criterion: Criterion, patch: &Patch, state: Cell, [least, most]: [f64;
 }
 
 /// The value at a state, if it is the least so far.
-fn note(criterion: Criterion, patch: &Patch, state: Cell, found: &mut Bounds) {
+fn note(criterion: Criterion, patch: &ElementStates, state: Cell, found: &mut Bounds) {
     let value = criterion.bound(patch, &state);
     found.evaluations += 1;
     if value < found.found {

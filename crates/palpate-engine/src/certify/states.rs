@@ -2,9 +2,9 @@
 
 use super::criteria::{BELOW, Frame};
 use super::drive::Drive;
-use super::interval::{Box3, Interval, direction, flat, length};
+use super::interval::{Interval, IntervalVector, direction, flat, length};
 use super::law::Forces;
-use super::patch::{Cell, Patch, View};
+use super::patch::{Cell, ElementStates, View};
 use palpate_body::SlipRule;
 
 /// Into how many parts the share s is cut at most.
@@ -16,13 +16,13 @@ pub(super) struct Piece {
     /// |P g̃|/f, at least.
     pub least: f64,
     /// g̃/f, (g − P g̃)/f, and P g̃'s direction.
-    pub vector: Box3,
+    pub vector: IntervalVector,
     pub miss: [Interval; 2],
     pub way: [Interval; 2],
 }
 
 /// Friction over a cell, and the shares there can be; none without a normal force.
-fn shares(patch: &Patch, cell: &Cell) -> Option<(Interval, [Interval; SHARES], usize)> {
+fn shares(patch: &ElementStates, cell: &Cell) -> Option<(Interval, [Interval; SHARES], usize)> {
     let Forces { normal, lateral, friction } = patch.law.forces(cell);
     if normal.hi <= 0.0 {
         return None;
@@ -36,7 +36,7 @@ fn shares(patch: &Patch, cell: &Cell) -> Option<(Interval, [Interval; SHARES], u
 
 /// The slip states of a cell; none where there are none.
 pub(super) fn slips(
-    patch: &Patch,
+    patch: &ElementStates,
     cell: &Cell,
     view: &View,
     frame: &Frame,
@@ -68,7 +68,7 @@ fn can_rest(size: Interval, noise: f64, friction: Interval, share: Interval) -> 
 }
 
 /// Whether a step before a state could have been within the limit.
-fn came_from_rest(patch: &Patch, cell: &Cell, view: &View, frame: &Frame) -> bool {
+fn came_from_rest(patch: &ElementStates, cell: &Cell, view: &View, frame: &Frame) -> bool {
     let Some(slopes) = &patch.slopes else { return true };
     let [least, greatest] = patch.stretch().map(f64::sqrt);
     let way = patch.step_m * greatest;
@@ -76,13 +76,13 @@ fn came_from_rest(patch: &Patch, cell: &Cell, view: &View, frame: &Frame) -> boo
         return true;
     }
     // δ_t turns by no more than this, and its projection a little more.
-    let turn = (patch.step_m * greatest / cell.reach_m[0]).min(1.0).asin() / frame.u[2].lo.max(0.1);
-    if view.half + turn > 1.4 || least <= 0.0 {
+    let azimuth = (patch.step_m * greatest / cell.reach_m[0]).min(1.0).asin() / frame.u[2].lo.max(0.1);
+    if view.half + azimuth > 1.4 || least <= 0.0 {
         return true;
     }
     let before = Cell {
         depth_m: [(cell.depth_m[0] - patch.step_m).max(0.0), cell.depth_m[1] + patch.step_m],
-        turn: [cell.turn[0] - turn, cell.turn[1] + turn],
+        azimuth: [cell.azimuth[0] - azimuth, cell.azimuth[1] + azimuth],
         reach_m: [cell.reach_m[0] - way, cell.reach_m[1] + way],
         ..*cell
     };
@@ -96,14 +96,19 @@ fn came_from_rest(patch: &Patch, cell: &Cell, view: &View, frame: &Frame) -> boo
 }
 
 /// Where a state's drive comes to its limit as the deflection grows, m; its own where it does not.
-pub(super) fn limit_reach(patch: &Patch, state: &Cell) -> f64 {
+pub(super) fn limit_reach(patch: &ElementStates, state: &Cell) -> f64 {
     let reach = state.reach_m[0];
     crossing(patch, state, [0.0, patch.reach_m], 16).unwrap_or(reach)
 }
 
 /// The largest ρ in a range beyond which the drive is over its limit, m, or where it is least over it: to a third of the range
 /// by look, and from there in so many steps.
-pub(super) fn crossing(patch: &Patch, state: &Cell, [least, most]: [f64; 2], steps: u32) -> Option<f64> {
+pub(super) fn crossing(
+    patch: &ElementStates,
+    state: &Cell,
+    [least, most]: [f64; 2],
+    steps: u32,
+) -> Option<f64> {
     let excess = |reach: f64| {
         let state = Cell { reach_m: [reach; 2], ..*state };
         over(patch, &state)
@@ -141,7 +146,7 @@ pub(super) fn crossing(patch: &Patch, state: &Cell, [least, most]: [f64; 2], ste
 }
 
 /// |g̃|/f − μ f_z/f at a state.
-fn over(patch: &Patch, state: &Cell) -> Option<f64> {
+fn over(patch: &ElementStates, state: &Cell) -> Option<f64> {
     let slopes = patch.slopes.as_ref()?;
     let view = patch.view(state);
     let frame = Frame::new(patch, &view);

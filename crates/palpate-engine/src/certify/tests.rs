@@ -2,14 +2,14 @@
 
 use super::*;
 use crate::Flags;
-use crate::decoupled::{Isotropic, Stretch};
+use crate::decoupled::{Anisotropic, Isotropic};
 use crate::drive::{Consistent, Exact, Rule};
-use crate::field::{Ablation, Law, Site};
-use crate::lateral::Lateral;
+use crate::force_law::ForceLaw;
+use crate::kernel::{Ablation, ElementKernel, Setting};
 use crate::sensitivity;
-use crate::sensitivity::tests::{ball, chance};
+use crate::sensitivity::tests::{ball, random};
 use glam::DVec3;
-use palpate_body::{Body, NodeMix, SlipRule, SurfacePoint};
+use palpate_body::{BlendWeights, Body, SlipRule, SurfacePoint};
 
 fn anywhere(unit: &mut impl FnMut() -> f64) -> [f64; 3] {
     let (a, b) = (unit(), unit());
@@ -24,39 +24,39 @@ const EXACT: Assumptions =
 #[test]
 fn formulas_are_those_of_finite_differences() {
     compare::<Isotropic>(&[1.0].map(ball));
-    compare::<Stretch>(&[3.0, 60.0].map(ball));
+    compare::<Anisotropic>(&[3.0, 60.0].map(ball));
 }
 
-fn compare<L: Lateral>(bodies: &[Body]) {
-    let mut unit = chance(11);
+fn compare<L: ForceLaw>(bodies: &[Body]) {
+    let mut unit = random(11);
     let mut compared = 0;
     for case in 0..3000 {
         let body = &bodies[case % bodies.len()];
         let element = (unit() * body.elements().len() as f64) as u32;
-        let patch = Patch::new(body, element, &EXACT);
+        let patch = ElementStates::new(body, element, &EXACT);
         let n = anywhere(&mut unit).map(|n| 0.02 + 0.94 * n);
-        let (depth, turn, reach) = (1e-4 + 7e-3 * unit(), 6.0 * unit(), 3e-4 + 6e-3 * unit());
-        let state = Cell { corners: [n; 3], depth_m: [depth; 2], turn: [turn; 2], reach_m: [reach; 2] };
+        let (depth, azimuth, reach) = (1e-4 + 7e-3 * unit(), 6.0 * unit(), 3e-4 + 6e-3 * unit());
+        let state = Cell { corners: [n; 3], depth_m: [depth; 2], azimuth: [azimuth; 2], reach_m: [reach; 2] };
         let at = patch.state(&state);
-        let (tip, d) = (at.tip, at.along);
-        let law = Law { ablation: Ablation::None, radius_m: body.tool().radius_m() };
-        let mut site = Site::<L>::new(body, law, element);
-        let f = site.evaluate(n, tip);
-        assert!((f.depth - depth).abs() < 1e-12 && (site.stretch.rho(&f) - reach).abs() < 1e-12);
-        if f.pull < f.limit {
+        let (tool_position, d) = (at.tool_position, at.along);
+        let setting = Setting { ablation: Ablation::None, radius_m: body.tool().radius_m() };
+        let mut kernel = ElementKernel::<L>::new(body, setting, element);
+        let f = kernel.evaluate(n, tool_position);
+        assert!((f.depth - depth).abs() < 1e-12 && (kernel.stretch.rho(&f) - reach).abs() < 1e-12);
+        if f.lateral_force < f.limit {
             assert_eq!(Criterion::Passive.bound(&patch, &state), f64::INFINITY);
             continue;
         }
         compared += 1;
 
         let forces = f.normal + patch.law.lateral_at(n, reach);
-        // g·t by differences of W at a fixed tip.
+        // g·t by differences of W at a fixed tool position.
         let inward = -body.outward(element);
         let project = |v: DVec3| (v - inward * v.dot(inward)).normalize();
         let h = 2e-8;
         let mut energy = |t: DVec3, s: f64| {
-            let rates = site.rates(t).each();
-            site.evaluate([0, 1, 2].map(|i| n[i] + s * rates[i]), tip).energy
+            let rates = kernel.rates(t).each();
+            kernel.evaluate([0, 1, 2].map(|i| n[i] + s * rates[i]), tool_position).energy
         };
         let mut out = |t: DVec3| (energy(t, -h) - energy(t, h)) / (2.0 * h) / forces;
         let expected = if L::ISOTROPIC { out(d) } else { out(d).min(out(project(f.u_t))) };
@@ -64,16 +64,16 @@ fn compare<L: Lateral>(bodies: &[Body]) {
         assert!((got - expected).abs() < 1e-6, "case {case}: {got} {expected}");
 
         // η of the slip search itself, for each metre of way.
-        let f = site.evaluate(n, tip);
-        let drift = site.drift(n, &f, f.u_t);
+        let f = kernel.evaluate(n, tool_position);
+        let drift = kernel.drift(n, &f, f.u_t);
         let speed = (f.u_t - inward * f.u_t.dot(inward)).length();
         let (got, expected) = (Criterion::SnapFree.bound(&patch, &state), drift.eta / speed);
-        let scale = drift.force.length() + f.pull_slope + f.pull / f.lateral;
+        let scale = drift.force.length() + f.lateral_slope + f.lateral_force / f.lateral;
         assert!((got - expected).abs() < 1e-9 * scale, "case {case}: {got} {expected}");
 
         let at = SurfacePoint { element, n };
         if let Some(expected) =
-            sensitivity::lipschitz(body, law, SlipRule::Paper, at, tip).filter(|l| *l < 1e5)
+            sensitivity::lipschitz(body, setting, SlipRule::Paper, at, tool_position).filter(|l| *l < 1e5)
         {
             let got = -Criterion::Lipschitz.bound(&patch, &state);
             let worst = if L::ISOTROPIC { 3.0 } else { 100.0 };
@@ -83,16 +83,19 @@ fn compare<L: Lateral>(bodies: &[Body]) {
     assert!(compared > 500, "{compared}");
 }
 
-/// The ball, and one whose nodes mix three test points' curves.
+/// The ball, and one whose nodes blend three test points' curves.
 fn bodies(ratio: f64) -> [Body; 2] {
     let own = ball(ratio);
     let mut mixed = own.parts();
     let count = mixed.responses.len() as u32;
-    for (n, mix) in (0..).zip(&mut mixed.mixes) {
+    for (n, mix) in (0..).zip(&mut mixed.blends) {
         *mix = match n % 3 {
-            0 => NodeMix { test_points: [0, 7, 19], weights: [0.2, 0.5, 0.3] },
-            1 => NodeMix { test_points: [0, 7, 19], weights: [0.7, 0.0, 0.3] },
-            _ => NodeMix { test_points: [n, (n + 5) % count, (n + 9) % count], weights: [0.25, 0.25, 0.5] },
+            0 => BlendWeights { test_points: [0, 7, 19], weights: [0.2, 0.5, 0.3] },
+            1 => BlendWeights { test_points: [0, 7, 19], weights: [0.7, 0.0, 0.3] },
+            _ => BlendWeights {
+                test_points: [n, (n + 5) % count, (n + 9) % count],
+                weights: [0.25, 0.25, 0.5],
+            },
         };
     }
     [own, Body::new(mixed).unwrap()]
@@ -101,27 +104,27 @@ fn bodies(ratio: f64) -> [Body; 2] {
 #[test]
 fn drives_are_those_of_the_engine() {
     drives::<Isotropic, Consistent>(&bodies(1.0), SlipRule::Consistent);
-    drives::<Stretch, Consistent>(&[bodies(2.0), bodies(20.0)].concat(), SlipRule::Consistent);
+    drives::<Anisotropic, Consistent>(&[bodies(2.0), bodies(20.0)].concat(), SlipRule::Consistent);
     drives::<Isotropic, Exact>(&bodies(1.0), SlipRule::Exact);
-    drives::<Stretch, Exact>(&bodies(3.0), SlipRule::Exact);
+    drives::<Anisotropic, Exact>(&bodies(3.0), SlipRule::Exact);
 }
 
-fn drives<L: Lateral, R: Rule>(bodies: &[Body], slip: SlipRule) {
-    let mut unit = chance(11);
+fn drives<L: ForceLaw, R: Rule>(bodies: &[Body], slip: SlipRule) {
+    let mut unit = random(11);
     let mut compared = 0;
     for case in 0..1500 {
         let body = &bodies[case % bodies.len()];
         body.prepared_gradients();
         let element = (unit() * body.elements().len() as f64) as u32;
-        let patch = Patch::new(body, element, &Assumptions { slip, ..EXACT });
+        let patch = ElementStates::new(body, element, &Assumptions { slip, ..EXACT });
         let n = anywhere(&mut unit).map(|n| 0.02 + 0.94 * n);
-        let (depth, turn, reach) = (1e-4 + 7e-3 * unit(), 6.0 * unit(), 3e-4 + 6e-3 * unit());
-        let state = Cell { corners: [n; 3], depth_m: [depth; 2], turn: [turn; 2], reach_m: [reach; 2] };
-        let tip = patch.state(&state).tip;
-        let law = Law { ablation: Ablation::None, radius_m: body.tool().radius_m() };
-        let mut site = Site::<L>::new(body, law, element);
-        let f = site.evaluate(n, tip);
-        let drive = R::drive(&mut site, n, &f);
+        let (depth, azimuth, reach) = (1e-4 + 7e-3 * unit(), 6.0 * unit(), 3e-4 + 6e-3 * unit());
+        let state = Cell { corners: [n; 3], depth_m: [depth; 2], azimuth: [azimuth; 2], reach_m: [reach; 2] };
+        let tool_position = patch.state(&state).tool_position;
+        let setting = Setting { ablation: Ablation::None, radius_m: body.tool().radius_m() };
+        let mut kernel = ElementKernel::<L>::new(body, setting, element);
+        let f = kernel.evaluate(n, tool_position);
+        let drive = R::drive(&mut kernel, n, &f);
         if drive.force < 1.000_01 * f.limit {
             continue;
         }
@@ -132,8 +135,8 @@ fn drives<L: Lateral, R: Rule>(bodies: &[Body], slip: SlipRule) {
         let v = drive.along;
         let t = project(v).normalize();
         // g·t.
-        let g = crate::drive::exact(&mut site, n, &f);
-        let led = project(site.lead(n, &f, &drive)).normalize();
+        let g = crate::drive::exact(&mut kernel, n, &f);
+        let led = project(kernel.implicit_drive_direction(n, &f, &drive)).normalize();
         let (straight, aside) = (g.dot(t) / forces, g.dot(led) / forces);
         let got = Criterion::Passive.bound(&patch, &state);
         if slip == SlipRule::Consistent {
@@ -147,27 +150,28 @@ fn drives<L: Lateral, R: Rule>(bodies: &[Body], slip: SlipRule) {
         }
         // η, and the rate of the force, by differences; in single precision.
         let h = 5e-6;
-        let rates = site.rates(t).each();
-        let mut read = |n: [f64; 3], tip: DVec3| {
-            let f = site.evaluate(n, tip);
-            let drive = R::drive(&mut site, n, &f);
+        let rates = kernel.rates(t).each();
+        let mut read = |n: [f64; 3], tool_position: DVec3| {
+            let f = kernel.evaluate(n, tool_position);
+            let drive = R::drive(&mut kernel, n, &f);
             (f.limit - drive.along.dot(v) * drive.force, f.force())
         };
-        let [up, down] = [h, -h].map(|s| read([0, 1, 2].map(|i| n[i] + s * rates[i]), tip));
+        let [up, down] = [h, -h].map(|s| read([0, 1, 2].map(|i| n[i] + s * rates[i]), tool_position));
         let (eta, force) = ((up.0 - down.0) / (2.0 * h), (up.1 - down.1).length() / (2.0 * h));
         let got = Criterion::SnapFree.bound(&patch, &state);
-        let scale = force + f.pull_slope + eta.abs();
+        let scale = force + f.lateral_slope + eta.abs();
         assert!((got - eta).abs() < 3e-4 * scale, "case {case}: {got} {eta} {scale}");
         let excess: f64 = DVec3::AXES
-            .map(|a| (read(n, tip + a * h).0 - read(n, tip - a * h).0) / (2.0 * h))
+            .map(|a| (read(n, tool_position + a * h).0 - read(n, tool_position - a * h).0) / (2.0 * h))
             .iter()
             .map(|x| x * x)
             .sum();
-        if eta > 0.1 * f.pull_slope {
+        if eta > 0.1 * f.lateral_slope {
             let got = -Criterion::Pace.bound(&patch, &state);
             assert!((got - excess.sqrt() / eta).abs() < 3e-3 * got, "case {case}: {got} {excess} {eta}");
             let got = -Criterion::Lipschitz.bound(&patch, &state);
-            let expected = sensitivity::lipschitz(body, law, slip, SurfacePoint { element, n }, tip);
+            let expected =
+                sensitivity::lipschitz(body, setting, slip, SurfacePoint { element, n }, tool_position);
             let expected = expected.unwrap();
             let worst = if L::ISOTROPIC { 1.5 } else { 100.0 };
             assert!(got > expected * 0.99 && got < expected * worst, "case {case}: {got} {expected}");
@@ -184,25 +188,26 @@ fn bounds_are_below_every_state() {
 }
 
 fn below(slip: SlipRule) {
-    let mut unit = chance(5);
+    let mut unit = random(5);
     let mut compared = 0;
     let several: Vec<Body> = [1.0, 2.0, 60.0].into_iter().flat_map(bodies).collect();
     for body in several {
         for _ in 0..400 {
             let assumptions = Assumptions { aside_rad: 0.1 * unit(), slip, ..EXACT };
-            let patch = Patch::new(&body, (unit() * body.elements().len() as f64) as u32, &assumptions);
+            let patch =
+                ElementStates::new(&body, (unit() * body.elements().len() as f64) as u32, &assumptions);
             let mut span = |end: f64, widest: f64| {
                 let (from, width) = (unit() * end, widest * unit() * unit());
                 [from, (from + width).min(end)]
             };
-            let (depth_m, turn, reach_m) = (span(8e-3, 8e-3), span(6.3, 1.5), span(9e-3, 9e-3));
+            let (depth_m, azimuth, reach_m) = (span(8e-3, 8e-3), span(6.3, 1.5), span(9e-3, 9e-3));
             let middle = anywhere(&mut unit);
             let size = unit();
             let corners = [0, 1, 2].map(|_| {
                 let n = anywhere(&mut unit);
                 [0, 1, 2].map(|i| middle[i] + size * (n[i] - middle[i]))
             });
-            let cell = Cell { corners, depth_m, turn, reach_m };
+            let cell = Cell { corners, depth_m, azimuth, reach_m };
             let bounds = [Criterion::Passive, Criterion::SnapFree, Criterion::Lipschitz, Criterion::Floor]
                 .map(|c| (c, c.bound(&patch, &cell)));
             for _ in 0..20 {
@@ -212,7 +217,7 @@ fn below(slip: SlipRule) {
                 let state = Cell {
                     corners: [n; 3],
                     depth_m: within(depth_m),
-                    turn: within(turn),
+                    azimuth: within(azimuth),
                     reach_m: within(reach_m),
                 };
                 for (criterion, bound) in bounds {
@@ -233,17 +238,18 @@ fn below(slip: SlipRule) {
 }
 
 /// A contact in the certificates' coordinates; none without a direction.
-fn cell<L: Lateral>(body: &Body, at: SurfacePoint, tip: DVec3) -> Option<(Cell, f64)> {
-    let law = Law { ablation: Ablation::None, radius_m: body.tool().radius_m() };
-    let mut site = Site::<L>::new(body, law, at.element);
-    let f = site.evaluate(at.n, tip);
-    let reach = site.stretch.rho(&f);
+fn cell<L: ForceLaw>(body: &Body, at: SurfacePoint, tool_position: DVec3) -> Option<(Cell, f64)> {
+    let setting = Setting { ablation: Ablation::None, radius_m: body.tool().radius_m() };
+    let mut kernel = ElementKernel::<L>::new(body, setting, at.element);
+    let f = kernel.evaluate(at.n, tool_position);
+    let reach = kernel.stretch.rho(&f);
     let [p, q, _] = body.corners(at.element);
     let (x, z) = ((q - p).normalize(), -body.outward(at.element));
-    let lateral = site.stretch.deflection(&f);
-    let turn = lateral.dot(z.cross(x)).atan2(lateral.dot(x));
-    let state = Cell { corners: [at.n; 3], depth_m: [f.depth; 2], turn: [turn; 2], reach_m: [reach; 2] };
-    (f.depth > 0.0 && reach > 1e-9).then_some((state, 1e-12 * f.pull_slope / f.limit))
+    let lateral = kernel.stretch.deflection(&f);
+    let azimuth = lateral.dot(z.cross(x)).atan2(lateral.dot(x));
+    let state =
+        Cell { corners: [at.n; 3], depth_m: [f.depth; 2], azimuth: [azimuth; 2], reach_m: [reach; 2] };
+    (f.depth > 0.0 && reach > 1e-9).then_some((state, 1e-12 * f.lateral_slope / f.limit))
 }
 
 /// The search ends where the drive is within a millionth of the limit, on either side: the certificates left out those
@@ -253,13 +259,13 @@ fn every_slip_of_the_engine_is_through_slip_states() {
     let mut seen = 0;
     // `exact` may rest on an edge, between two drives; P holds for it by construction.
     for slip in [SlipRule::Paper, SlipRule::Consistent] {
-        seen += through::<Isotropic>(&bodies(1.0), slip) + through::<Stretch>(&bodies(2.0), slip);
+        seen += through::<Isotropic>(&bodies(1.0), slip) + through::<Anisotropic>(&bodies(2.0), slip);
     }
     assert!(seen > 2000, "{seen}");
 }
 
-fn through<L: Lateral>(bodies: &[Body], slip: SlipRule) -> usize {
-    let (mut unit, mut seen) = (chance(23), 0);
+fn through<L: ForceLaw>(bodies: &[Body], slip: SlipRule) -> usize {
+    let (mut unit, mut seen) = (random(23), 0);
     for case in 0..10 {
         let mut parts = bodies[case % bodies.len()].parts();
         parts.slip = slip;
@@ -268,11 +274,11 @@ fn through<L: Lateral>(bodies: &[Body], slip: SlipRule) -> usize {
         let assumptions = Assumptions { step_m: step * (1.0 + 1e-9), slip, ..Assumptions::default() };
         let mut direction = || DVec3::new(unit() - 0.5, unit() - 0.5, unit() - 0.5).normalize();
         let out = direction();
-        let (mut tip, mut v) = (out * 0.035, -out);
+        let (mut tool_position, mut v) = (out * 0.035, -out);
         let mut contact = crate::Contact::new(&body);
         let mut last = crate::Output::default();
         for _ in 0..400 {
-            let o = contact.step(&body, &crate::ToolState::at(tip.to_array()), 1e-3);
+            let o = contact.step(&body, &crate::ToolState::at(tool_position.to_array()), 1e-3);
             let odd = |o: &crate::Output| {
                 o.flags.has(Flags::ONSET)
                     || o.flags.has(Flags::BLOCKED)
@@ -289,10 +295,12 @@ fn through<L: Lateral>(bodies: &[Body], slip: SlipRule) -> usize {
                 let middle = SurfacePoint { n: [0, 1, 2].map(|i| 0.5 * (a.n[i] + b.n[i])), ..start };
                 let within = (start.element == end.element).then_some(middle);
                 for at in [start, end].into_iter().chain(within) {
-                    let Some((state, rounding)) = cell::<L>(&body, at, tip).filter(|(_, r)| *r < 1e-7) else {
+                    let Some((state, rounding)) =
+                        cell::<L>(&body, at, tool_position).filter(|(_, r)| *r < 1e-7)
+                    else {
                         continue;
                     };
-                    let patch = Patch::new(&body, at.element, &assumptions);
+                    let patch = ElementStates::new(&body, at.element, &assumptions);
                     seen += 1;
                     let bound = Criterion::Passive.bound(&patch, &state);
                     assert!(
@@ -304,17 +312,17 @@ fn through<L: Lateral>(bodies: &[Body], slip: SlipRule) -> usize {
                 }
             }
             last = o;
-            let home = -tip.normalize();
+            let home = -tool_position.normalize();
             let depth = last.contact.map_or(-1e-3, |c| c.delta_z_m);
-            let pull = if depth < 1e-3 {
+            let lateral_force = if depth < 1e-3 {
                 0.5
             } else if depth > 4e-3 {
                 -0.5
             } else {
                 0.0
             };
-            v = (v + direction() * 0.3 + home * pull).normalize();
-            tip += v * step;
+            v = (v + direction() * 0.3 + home * lateral_force).normalize();
+            tool_position += v * step;
         }
     }
     seen

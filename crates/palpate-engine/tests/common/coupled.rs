@@ -1,34 +1,34 @@
 //! Bodies with a coupled law for the engine's tests.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
-use super::Chance;
+use super::Random;
 use glam::DVec3;
 use palpate_body::{
-    Body, BodyParts, CoupledLaw, Curve, Extension, NodeMix, Potential, Provenance, SlipRule, Surface, Tool,
-    TriangleMesh,
+    BlendWeights, Body, BodyParts, CoupledLaw, Curve, Extension, Potential, Provenance, SlipRule, Surface,
+    Tool, TriangleMesh,
 };
 
 /// Up to which lateral deflection the potentials of these bodies are said to be found, m.
 pub const RANGE_M: f64 = 2e-3;
 
 /// Potentials that vary smoothly over the body by `spread` (0 to 1), with all their terms: pressed straight in the force leans
-/// aside by up to a third, and the stuck stiffness grows with the depth and differs by up to 1 : 3 between directions.
-pub fn coupled(mesh: &TriangleMesh, chance: &mut Chance, spread: f64, friction: f64, radius_m: f64) -> Body {
+/// laterally by up to a third, and the stuck stiffness grows with the depth and differs by up to 1 : 3 between directions.
+pub fn coupled(mesh: &TriangleMesh, random: &mut Random, spread: f64, friction: f64, radius_m: f64) -> Body {
     let surface = Surface::build(mesh, f64::INFINITY).unwrap();
-    let waves: [DVec3; 12] = std::array::from_fn(|_| chance.direction() * 60.0);
-    let (kz, kr) = (chance.range(300.0, 900.0), chance.range(300.0, 900.0));
+    let waves: [DVec3; 12] = std::array::from_fn(|_| random.direction() * 60.0);
+    let (kz, kr) = (random.range(300.0, 900.0), random.range(300.0, 900.0));
     let size = [
         1.0,
-        chance.range(-0.25, 0.25),
-        chance.range(-0.25, 0.25),
+        random.range(-0.25, 0.25),
+        random.range(-0.25, 0.25),
         1.0,
-        chance.range(-0.3, 0.3),
-        chance.range(0.7, 1.5),
-        chance.range(-4e3, 4e3),
-        chance.range(-4e3, 4e3),
-        chance.range(-4e3, 4e3),
-        chance.range(-4e3, 4e3),
-        chance.range(0.5e7, 2e7),
+        random.range(-0.3, 0.3),
+        random.range(0.7, 1.5),
+        random.range(-4e3, 4e3),
+        random.range(-4e3, 4e3),
+        random.range(-4e3, 4e3),
+        random.range(-4e3, 4e3),
+        random.range(0.5e7, 2e7),
         friction,
     ];
     let knots = [0.0, 5e-4, 2e-3, 5e-3, 8e-3];
@@ -66,7 +66,7 @@ pub fn coupled(mesh: &TriangleMesh, chance: &mut Chance, spread: f64, friction: 
     let potentials = surface.positions().iter().zip(surface.inward_normals()).map(potential).collect();
     let count = surface.positions().len() as u32;
     Body::new(BodyParts {
-        mixes: (0..count).map(NodeMix::own).collect(),
+        blends: (0..count).map(BlendWeights::own).collect(),
         surface,
         responses: Vec::new(),
         test_point_nodes: (0..count).collect(),
@@ -80,8 +80,8 @@ pub fn coupled(mesh: &TriangleMesh, chance: &mut Chance, spread: f64, friction: 
 }
 
 #[allow(dead_code, reason = "each test file uses its own part")]
-/// The same body over few of its test points: every node mixes the three nearest of those by their distance, so that elements
-/// mix three to nine.
+/// The same body over few of its test points: every node blends the three nearest of those by their distance, so that elements
+/// blend three to nine.
 pub fn sparse(body: &Body, every: usize) -> Body {
     let mut parts = body.parts();
     // Three at least.
@@ -89,7 +89,7 @@ pub fn sparse(body: &Body, every: usize) -> Body {
     let kept: Vec<usize> = (0..parts.test_point_nodes.len()).step_by(every).collect();
     let at: Vec<DVec3> =
         kept.iter().map(|&t| body.nodes()[parts.test_point_nodes[t] as usize].position).collect();
-    parts.mixes = body
+    parts.blends = body
         .nodes()
         .iter()
         .map(|node| {
@@ -100,7 +100,7 @@ pub fn sparse(body: &Body, every: usize) -> Body {
             chosen.sort_unstable();
             let weights = chosen.map(|t| 1.0 / (at[t].distance(node.position) + 1e-4));
             let sum: f64 = weights.iter().sum();
-            NodeMix { test_points: chosen.map(|t| t as u32), weights: weights.map(|w| w / sum) }
+            BlendWeights { test_points: chosen.map(|t| t as u32), weights: weights.map(|w| w / sum) }
         })
         .collect();
     parts.test_point_nodes = kept.iter().map(|&t| parts.test_point_nodes[t]).collect();
@@ -132,7 +132,7 @@ pub fn as_coupled(mesh: &TriangleMesh, [kz, kr, friction]: [f64; 3], slip: SlipR
     let potentials = surface.inward_normals().iter().map(potential).collect();
     let count = surface.positions().len() as u32;
     Body::new(BodyParts {
-        mixes: (0..count).map(NodeMix::own).collect(),
+        blends: (0..count).map(BlendWeights::own).collect(),
         surface,
         responses: Vec::new(),
         test_point_nodes: (0..count).collect(),

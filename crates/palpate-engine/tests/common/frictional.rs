@@ -3,7 +3,9 @@
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 use glam::DVec3;
-use palpate_body::{Body, BodyParts, CoupledLaw, NodeMix, Provenance, SlipRule, Surface, Tool, TriangleMesh};
+use palpate_body::{
+    BlendWeights, Body, BodyParts, CoupledLaw, Provenance, SlipRule, Surface, Tool, TriangleMesh,
+};
 use palpate_identify::{ContactSample, PotentialFit, PotentialOptions, fit_potential};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -119,7 +121,7 @@ pub fn liver_patch_body(friction: f64, slip: SlipRule) -> Option<Body> {
     let range_m = fits[0].range_m;
     let body = Body::new(BodyParts {
         surface,
-        mixes: (0..places.len() as u32).map(NodeMix::own).collect(),
+        blends: (0..places.len() as u32).map(BlendWeights::own).collect(),
         responses: Vec::new(),
         test_point_nodes: (0..places.len() as u32).collect(),
         coupled: Some(CoupledLaw {

@@ -3,7 +3,8 @@
 
 use glam::DVec3;
 use palpate_body::{
-    Body, BodyParts, NodeMix, Provenance, Response, SlipRule, Surface, Tensor, Tool, TriangleMesh, tensor,
+    BlendWeights, Body, BodyParts, Provenance, Response, SlipRule, Surface, Tensor, Tool, TriangleMesh,
+    tensor,
 };
 use palpate_engine::{Contact, Output, ToolState};
 use proptest::strategy::Strategy;
@@ -44,11 +45,11 @@ impl Judged {
 
 /// xorshift64*: the same numbers everywhere.
 #[derive(Clone)]
-pub struct Chance(pub u64);
+pub struct Random(pub u64);
 
-impl Chance {
+impl Random {
     pub fn new(seed: u64) -> Self {
-        Chance(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0xD1B5_4A32_D192_ED03)
+        Random(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0xD1B5_4A32_D192_ED03)
     }
     pub fn next(&mut self) -> u64 {
         self.0 ^= self.0 >> 12;
@@ -235,36 +236,46 @@ pub fn block(half: DVec3, cells: usize) -> TriangleMesh {
 
 /// Responses of the paper's form with these stiffness fields.
 #[derive(Clone, Copy)]
-pub struct Feel<'a> {
+pub struct Material<'a> {
     pub kz: &'a dyn Fn(DVec3) -> f64,
     pub kr: &'a dyn Fn(DVec3) -> f64,
     pub friction: &'a dyn Fn(DVec3) -> f64,
     pub radius_m: f64,
 }
 
-pub fn body_of(surface: Surface, feel: Feel) -> Body {
-    stretched(surface, feel, None)
+pub fn body_of(surface: Surface, material: Material) -> Body {
+    stretched(surface, material, None)
 }
 
 /// The same with a lateral tensor at each node, of its position and inward normal. Without the tank: these are for a slip rule
 /// by itself.
-pub fn stretched(surface: Surface, feel: Feel, tensor: Option<&dyn Fn(DVec3, DVec3) -> Tensor>) -> Body {
+pub fn stretched(
+    surface: Surface,
+    material: Material,
+    tensor: Option<&dyn Fn(DVec3, DVec3) -> Tensor>,
+) -> Body {
     let nodes = || surface.positions().iter().zip(surface.inward_normals());
     let lateral_tensors = tensor.map(|t| nodes().map(|(&p, &u)| t(p, u)).collect());
     let responses: Vec<Response> = surface
         .positions()
         .iter()
-        .map(|&p| Response::paper((feel.kz)(p), (feel.kr)(p), (feel.friction)(p), 8e-3, 8e-3).unwrap())
+        .map(|&p| {
+            Response::paper((material.kz)(p), (material.kr)(p), (material.friction)(p), 8e-3, 8e-3).unwrap()
+        })
         .collect();
     let count = surface.positions().len() as u32;
     Body::new(BodyParts {
-        mixes: (0..count).map(NodeMix::own).collect(),
+        blends: (0..count).map(BlendWeights::own).collect(),
         surface,
         responses,
         test_point_nodes: (0..count).collect(),
         coupled: None,
         lateral_tensors,
-        tool: if feel.radius_m > 0.0 { Tool::Sphere { radius_m: feel.radius_m } } else { Tool::Point },
+        tool: if material.radius_m > 0.0 {
+            Tool::Sphere { radius_m: material.radius_m }
+        } else {
+            Tool::Point
+        },
         slip: SlipRule::Paper,
         provenance: Provenance::default(),
     })
@@ -279,35 +290,35 @@ pub fn ruled(body: &Body, rule: SlipRule) -> Body {
 
 pub fn uniform(mesh: &TriangleMesh, kz: f64, kr: f64, friction: f64) -> Body {
     let surface = Surface::build(mesh, f64::INFINITY).unwrap();
-    body_of(surface, Feel { kz: &|_| kz, kr: &|_| kr, friction: &|_| friction, radius_m: 0.0 })
+    body_of(surface, Material { kz: &|_| kz, kr: &|_| kr, friction: &|_| friction, radius_m: 0.0 })
 }
 
 /// Each node its own stiffness, within ±`spread` of the mean.
-pub fn heterogeneous(mesh: &TriangleMesh, rng: &mut Chance, spread: f64, friction: f64) -> Body {
+pub fn heterogeneous(mesh: &TriangleMesh, rng: &mut Random, spread: f64, friction: f64) -> Body {
     anisotropic(mesh, rng, spread, friction, 1.0)
 }
 
-/// The same, up to `ratio` times as stiff sideways in one direction as in the other.
-pub fn anisotropic(mesh: &TriangleMesh, rng: &mut Chance, spread: f64, friction: f64, ratio: f64) -> Body {
+/// The same, up to `ratio` times as stiff laterally in one direction as in the other.
+pub fn anisotropic(mesh: &TriangleMesh, rng: &mut Random, spread: f64, friction: f64, ratio: f64) -> Body {
     let surface = Surface::build(mesh, f64::INFINITY).unwrap();
     let (a, b) = (rng.direction() * 60.0, rng.direction() * 60.0);
     let (kz, kr) = (rng.range(300.0, 900.0), rng.range(300.0, 900.0));
     let wave = move |p: DVec3, d: DVec3| 1.0 + spread * libm::sin(p.dot(d));
-    let feel = Feel {
+    let material = Material {
         kz: &|p| kz * wave(p, a),
         kr: &|p| kr * wave(p, b),
         friction: &|p| friction * wave(p, a - b),
         radius_m: 0.0,
     };
     if ratio == 1.0 {
-        return body_of(surface, feel);
+        return body_of(surface, material);
     }
     let fibres = fibres(rng, ratio);
-    stretched(surface, feel, Some(&fibres))
+    stretched(surface, material, Some(&fibres))
 }
 
 /// Fibres that wind through the body, along which it is `ratio` times as stiff as across.
-pub fn fibres(rng: &mut Chance, ratio: f64) -> impl Fn(DVec3, DVec3) -> Tensor + use<> {
+pub fn fibres(rng: &mut Random, ratio: f64) -> impl Fn(DVec3, DVec3) -> Tensor + use<> {
     let (d, e, wave) = (rng.direction(), rng.direction(), rng.direction() * 60.0);
     move |p, u| {
         let f = (d + e * (0.5 * libm::sin(p.dot(wave)))).normalize();
@@ -330,15 +341,15 @@ pub struct Wander {
 }
 
 impl Wander {
-    pub fn new(body: &Body, chance: &mut Chance, speed: f64) -> Self {
-        let nodes = body.element_nodes(chance.below(body.elements().len()) as u32);
+    pub fn new(body: &Body, random: &mut Random, speed: f64) -> Self {
+        let nodes = body.element_nodes(random.below(body.elements().len()) as u32);
         let centre = (nodes[0].position + nodes[1].position + nodes[2].position) / 3.0;
         let away = 1e-3 + body.tool().radius_m();
         Wander { x: centre - nodes[0].inward * away, v: nodes[0].inward * speed, speed }
     }
 
     /// The next sample; `output` is what the last one gave.
-    pub fn next(&mut self, output: &Output, body: &Body, chance: &mut Chance) -> DVec3 {
+    pub fn next(&mut self, output: &Output, body: &Body, random: &mut Random) -> DVec3 {
         let nearest = body.nearest(self.x, f64::INFINITY).unwrap();
         let home = body.point(nearest.at);
         let deep = output.contact.map_or(0.0, |c| c.delta_z_m);
@@ -349,7 +360,7 @@ impl Wander {
         } else {
             DVec3::ZERO
         };
-        self.v = (self.v + (chance.direction() * 0.25 + pull) * self.speed).normalize() * self.speed;
+        self.v = (self.v + (random.direction() * 0.25 + pull) * self.speed).normalize() * self.speed;
         self.x += self.v * 1e-3;
         self.x
     }

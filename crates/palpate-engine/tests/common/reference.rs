@@ -35,8 +35,8 @@ pub struct Reference<'a> {
     neighbours: Vec<Vec<usize>>,
     contact: Option<(usize, DVec3)>,
     last: Option<DVec3>,
-    /// In how many parts the tip goes the way of a sample. Slip with the tip held runs along f_t where it starts, and
-    /// under a tensor that direction is behind by as much as the tip moves at once.
+    /// In how many parts the tool goes the way of a sample. Slip with the tool held runs along f_t where it starts, and
+    /// under a tensor that direction is behind by as much as the tool moves at once.
     parts: u32,
 }
 
@@ -182,7 +182,7 @@ impl<'a> Reference<'a> {
             .sum()
     }
 
-    /// The vector that slip follows. Energies are differenced here at the tip held, and no formula of the engine's is used.
+    /// The vector that slip follows. Energies are differenced here at the tool held, and no formula of the engine's is used.
     pub fn drive(&self, reading: &Reading, element: usize, c: DVec3, tip: DVec3) -> DVec3 {
         match self.rule {
             SlipRule::Exact => -self.slope(element, |c| self.read(element, c, tip).energy, c),

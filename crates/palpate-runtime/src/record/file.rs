@@ -42,7 +42,7 @@ pub struct Header {
     pub ablation: String,
     /// The device's name.
     pub device: String,
-    /// The output stages' settings; `None` where only what is no number was stopped.
+    /// The output stages' settings; `None` where only a NaN or infinite value was stopped.
     pub safety: Option<Safety>,
     /// The virtual coupling's stiffness, if there was one.
     pub coupling_n_per_m: Option<f64>,
@@ -155,9 +155,9 @@ impl<W: Write> RecordingFile<W> {
         if json.len() > HEADER_MAX as usize {
             return refused("the recording's header is beyond 1 MiB");
         }
-        // JSON has no word for what is no number.
+        // JSON has no word for a NaN or infinite value.
         if !serde_json::from_slice::<Envelope>(&json).is_ok_and(|back| back.recording == *header) {
-            return refused("the recording's header holds what is no number");
+            return refused("the recording's header holds a NaN or infinite value");
         }
         let crc = crc32fast::hash(&json);
         let parts: [&[u8]; 5] =

@@ -69,14 +69,14 @@ pub enum OpenRecordingError {
     #[error("{0}: can't be read ({1}); check the path and its permissions")]
     System(PathBuf, #[source] io::Error),
     /// It is something else, or damaged in its header.
-    #[error("{path}: {problem}; {mend}")]
+    #[error("{path}: {problem}; {hint}")]
     Format {
         /// The file.
         path: PathBuf,
         /// What is wrong with it.
         problem: String,
         /// What to do.
-        mend: &'static str,
+        hint: &'static str,
     },
 }
 
@@ -101,10 +101,10 @@ impl<R: Read> Recording<R> {
     /// # Errors
     /// As [`Recording::open`].
     pub fn read(mut source: R, path: &Path) -> Result<Self, OpenRecordingError> {
-        let header = header(&mut source).map_err(|(problem, mend)| OpenRecordingError::Format {
+        let header = header(&mut source).map_err(|(problem, hint)| OpenRecordingError::Format {
             path: path.into(),
             problem,
-            mend,
+            hint,
         })?;
         Ok(Recording { header, source, read: 0, ending: None })
     }
@@ -159,7 +159,7 @@ fn clean(block: &Record) -> Ending {
     Ending::Clean { reason, dropped: number(16) }
 }
 
-/// A problem and how to mend it.
+/// A problem and how to correct it.
 type Problem = (String, &'static str);
 
 fn header(source: &mut impl Read) -> Result<Header, Problem> {

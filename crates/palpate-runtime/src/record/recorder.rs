@@ -22,7 +22,7 @@ pub struct Recorder {
     dropped: Arc<AtomicU64>,
 }
 
-/// The other end, for [`Scribe::start`].
+/// The other end, for [`RecorderThread::start`].
 #[derive(Debug)]
 pub struct Records {
     consumer: Consumer<Record>,
@@ -61,7 +61,7 @@ impl Recorder {
 /// The thread that takes records out of the ring, counts them, and writes them if there is a file. A disk that fails
 /// ends the writing, not the counting.
 #[derive(Debug)]
-pub struct Scribe {
+pub struct RecorderThread {
     shared: Arc<Shared>,
     dropped: Arc<AtomicU64>,
     thread: Option<JoinHandle<()>>,
@@ -102,7 +102,7 @@ impl Shared {
     }
 }
 
-impl Scribe {
+impl RecorderThread {
     /// Starts the thread, for a loop of `rate_hz`.
     ///
     /// # Errors
@@ -114,17 +114,17 @@ impl Scribe {
     ) -> io::Result<Self> {
         let state = State {
             statistics: Statistics::new(rate_hz),
-            reason: "nobody said why".into(),
+            reason: "no reason was given".into(),
             written: 0,
             trouble: None,
         };
         let shared = Arc::new(Shared { stop: AtomicBool::new(false), state: Mutex::new(state) });
         let dropped = records.dropped.clone();
-        let thread = thread::Builder::new().name("palpate-scribe".into()).spawn({
+        let thread = thread::Builder::new().name("palpate-record".into()).spawn({
             let shared = shared.clone();
-            move || scribe(records, file, &shared)
+            move || recorder_thread(records, file, &shared)
         })?;
-        Ok(Scribe { shared, dropped, thread: Some(thread) })
+        Ok(RecorderThread { shared, dropped, thread: Some(thread) })
     }
 
     /// The statistics up to now. Not for the haptic thread.
@@ -161,14 +161,14 @@ impl Scribe {
     }
 }
 
-impl Drop for Scribe {
+impl Drop for RecorderThread {
     fn drop(&mut self) {
         self.join();
     }
 }
 
 /// The thread.
-fn scribe<W: Write>(mut records: Records, file: Option<RecordingFile<W>>, shared: &Shared) {
+fn recorder_thread<W: Write>(mut records: Records, file: Option<RecordingFile<W>>, shared: &Shared) {
     let mut pen = Pen { file, written: 0, safe: 0, flushed: Instant::now() };
     let mut batch = Vec::new();
     loop {

@@ -29,7 +29,7 @@ impl<'a> Retrace<'a> {
 
     /// What the last step was on: a patch, or the whole body.
     pub fn ground(&self) -> &ContactModel {
-        self.patch.as_ref().map_or(self.body.outline(), |(_, patch)| patch.model())
+        self.patch.as_ref().map_or(self.body.model_header(), |(_, patch)| patch.model())
     }
 
     /// The engine's answer in the period of `record`, with its element numbered in the whole body; `None` if the engine was
@@ -42,7 +42,7 @@ impl<'a> Retrace<'a> {
         let Some(pose) = record.tool() else { return Ok(None) };
         let dt = record.time_s - self.stepped_s.replace(record.time_s).unwrap_or(record.time_s);
         let Some((_, patch)) = &self.patch else {
-            let whole = self.body.outline();
+            let whole = self.body.model_header();
             if whole.elements().is_empty() {
                 let problem = "its steps were on a whole body, which is not in memory";
                 return Err(BodyError::invalid("recording", problem, "open the body with Body::open"));

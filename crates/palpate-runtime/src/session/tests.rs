@@ -2,7 +2,7 @@ use super::*;
 use crate::{Patience, Safety, WorkspaceMap, ring};
 use glam::DVec3;
 use palpate_body::shape::{Resolution, Shape};
-use palpate_body::{Body, BodyParts, NodeMix, Provenance, Response, SlipRule, Tool};
+use palpate_body::{BlendWeights, Body, BodyParts, Provenance, Response, SlipRule, Tool};
 use palpate_device::simulated::{Move, Script};
 use palpate_device::{Capabilities, OpenError, Sample, Simulated, presets};
 use palpate_engine::Contact;
@@ -50,7 +50,7 @@ fn ball() -> Body {
     let mesh = Shape::Sphere { radius_mm: 30.0 }.mesh(Resolution::default()).unwrap();
     let surface = palpate_body::Surface::build(&mesh, f64::INFINITY).unwrap();
     Body::new(BodyParts {
-        mixes: vec![NodeMix::own(0); surface.positions().len()],
+        blends: vec![BlendWeights::own(0); surface.positions().len()],
         surface,
         responses: vec![Response::paper(600.0, 500.0, 0.3, 8e-3, 8e-3).unwrap()],
         test_point_nodes: vec![0],

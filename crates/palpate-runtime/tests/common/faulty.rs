@@ -1,6 +1,6 @@
 //! A device that goes wrong: what drivers, cables and clocks do, at random.
 
-use super::Chance;
+use super::Random;
 use palpate_device::{Capabilities, Command, Device, Fault, OpenError, Sample};
 
 /// How often each fault begins, per period.
@@ -17,7 +17,7 @@ pub struct Odds {
 pub struct Faulty<D> {
     pub device: D,
     pub odds: Odds,
-    rng: Chance,
+    rng: Random,
     last: Sample,
     /// Periods for which the pose stays frozen, and is off by 10 cm.
     frozen: u32,
@@ -33,7 +33,7 @@ impl<D: Device> Faulty<D> {
         Faulty {
             device,
             odds,
-            rng: Chance::new(seed),
+            rng: Random::new(seed),
             last: Sample::default(),
             frozen: 0,
             off: 0,

@@ -5,18 +5,20 @@ pub mod faulty;
 
 use glam::DVec3;
 use palpate_body::shape::{Resolution, Shape};
-use palpate_body::{Body, BodyParts, NodeMix, Provenance, Response, SlipRule, Surface, Tool, TriangleMesh};
+use palpate_body::{
+    BlendWeights, Body, BodyParts, Provenance, Response, SlipRule, Surface, Tool, TriangleMesh,
+};
 use palpate_device::simulated::{Hand, Move, Script};
 use palpate_device::{Capabilities, Device, Figure, Simulated, presets};
 use palpate_engine::Contact;
 use palpate_runtime::{Cycle, HapticLoop, Stages, WorkspaceMap};
 
 /// xorshift64*: the same numbers everywhere.
-pub struct Chance(u64);
+pub struct Random(u64);
 
-impl Chance {
+impl Random {
     pub fn new(seed: u64) -> Self {
-        Chance(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0xD1B5_4A32_D192_ED03)
+        Random(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0xD1B5_4A32_D192_ED03)
     }
     fn next(&mut self) -> u64 {
         self.0 ^= self.0 >> 12;
@@ -85,7 +87,7 @@ pub fn with_field(
         Response::paper(kz * g, kr * g, friction, 20e-3, 20e-3).unwrap()
     };
     Body::new(BodyParts {
-        mixes: (0..count).map(NodeMix::own).collect(),
+        blends: (0..count).map(BlendWeights::own).collect(),
         responses: surface.positions().iter().map(response).collect(),
         surface,
         test_point_nodes: (0..count).collect(),

@@ -7,7 +7,7 @@ use glam::{DMat3, DVec3};
 /// Elements whose scaled volume is below are flat: their volume is rounding.
 const FLAT: f64 = 1e-9;
 
-/// Dihedral angles beyond these are told, rad: such elements are stiff and converge badly, but they are valid.
+/// Dihedral angles beyond these are reported, rad: such elements are stiff and converge badly, but they are valid.
 const SLIVER_RAD: [f64; 2] = [2.0 / 180.0 * std::f64::consts::PI, 178.0 / 180.0 * std::f64::consts::PI];
 
 /// Fixed nodes nearer to one line than this share of their extent don't keep a part from turning about it.
@@ -29,7 +29,7 @@ pub struct Quality {
     /// The largest one, rad.
     pub largest_dihedral_rad: f64,
     /// The smallest of the elements' volumes, each divided by that of the regular tetrahedron whose edges have the
-    /// element's root-mean-square length: 1 at best, 0 if flat, negative if inside out.
+    /// element's root-mean-square length: 1 at best, 0 if flat, negative if inverted.
     pub smallest_scaled_volume: f64,
     /// Of all edges, m; one that several elements share counts as often.
     pub mean_edge_m: f64,
@@ -87,7 +87,7 @@ impl Quality {
 /// that aren't on one line, or along axes that together stop its six motions.
 ///
 /// # Errors
-/// Elements without volume or inside out, curved ones that are so at a corner, a middle of an edge or a quadrature
+/// Elements without volume or inverted, curved ones that are so at a corner, a middle of an edge or a quadrature
 /// point; the same element twice, faces of more than two elements, elements that overlap at a face, edges with two
 /// middle nodes; parts that nothing holds.
 ///
@@ -150,10 +150,9 @@ fn elements_are_sound(mesh: &TetMesh) -> Result<Option<String>> {
         let p = corners(mesh, element);
         let scaled = scaled_volume(&p);
         if scaled.is_nan() || scaled <= FLAT {
-            let problem =
-                if scaled < -FLAT { "it is turned inside out" } else { "it is flat: it has no volume" };
-            let mend = "mesh it again, and optimise (gmsh -optimize)";
-            return Err(SimulateError::invalid(named(mesh, e), problem, mend));
+            let problem = if scaled < -FLAT { "it is inverted" } else { "it is flat: it has no volume" };
+            let hint = "mesh it again, and optimise (gmsh -optimize)";
+            return Err(SimulateError::invalid(named(mesh, e), problem, hint));
         }
         is_sound_where_curved(mesh, e)?;
         let angles = dihedral_angles(&p);
@@ -225,15 +224,15 @@ fn is_sound_where_curved(mesh: &TetMesh, e: usize) -> Result<()> {
     let order: [Option<usize>; 6] = std::array::from_fn(nearest);
     if order != std::array::from_fn(Some) && (0..6).all(|i| order.contains(&Some(i))) {
         let problem = "its nodes on edges stand in another order: each lies nearest to another's edge";
-        let mend = "save the mesh with the program that made it, or as linear (Gmsh: SetOrder 1)";
-        return Err(SimulateError::invalid(named(mesh, e), problem, mend));
+        let hint = "save the mesh with the program that made it, or as linear (Gmsh: SetOrder 1)";
+        return Err(SimulateError::invalid(named(mesh, e), problem, hint));
     }
     let problem = format!(
         "it is curved so much that it folds (Jacobian {:.3} of the straight element's)",
         least / rest
     );
-    let mend = "mesh it finer, optimise it (gmsh -optimize_ho), or make it linear (Gmsh: SetOrder 1)";
-    Err(SimulateError::invalid(named(mesh, e), problem, mend))
+    let hint = "mesh it finer, optimise it (gmsh -optimize_ho), or make it linear (Gmsh: SetOrder 1)";
+    Err(SimulateError::invalid(named(mesh, e), problem, hint))
 }
 
 /// Where two elements have one edge but two nodes on it, the body would gape.
@@ -250,8 +249,8 @@ fn edges_have_one_middle(mesh: &TetMesh) -> Result<()> {
         return Ok(());
     };
     let problem = format!("it and element {} have different nodes on the edge that they share", pair[1].2);
-    let mend = "join nodes at one place (Gmsh: Coherence Mesh), or mesh it again";
-    Err(SimulateError::invalid(named(mesh, pair[0].2 as usize), problem, mend))
+    let hint = "join nodes at one place (Gmsh: Coherence Mesh), or mesh it again";
+    Err(SimulateError::invalid(named(mesh, pair[0].2 as usize), problem, hint))
 }
 
 /// Pairs of elements that a face joins.
@@ -371,9 +370,9 @@ fn parts(elements: usize, pairs: &[[u32; 2]]) -> (Vec<u32>, usize) {
 }
 
 fn parts_are_held(mesh: &TetMesh, fixed: &[[bool; 3]], pairs: &[[u32; 2]]) -> Result<()> {
-    let mend = "hold it with `[[body.fixed]]`";
+    let hint = "hold it with `[[body.fixed]]`";
     if !fixed.iter().flatten().any(|held| *held) {
-        return Err(SimulateError::invalid("mesh", "nothing holds the body: no node is fixed", mend));
+        return Err(SimulateError::invalid("mesh", "nothing holds the body: no node is fixed", hint));
     }
     let (part, count) = parts(mesh.elements.len(), pairs);
     let mut nodes: Vec<Vec<u32>> = vec![Vec::new(); count];
@@ -424,12 +423,12 @@ fn parts_are_held(mesh: &TetMesh, fixed: &[[bool; 3]], pairs: &[[u32; 2]]) -> Re
         Hold::Line => "it is held along one line only, about which it can turn",
         Hold::Axes | Hold::Firm => "it can slide or turn: what holds it does so along some of the axes only",
     };
-    let mend = if count == 1 {
+    let hint = if count == 1 {
         "hold it at three nodes at least with `[[body.fixed]]`"
     } else {
         "hold it with `[[body.fixed]]`, join it to its neighbours face to face, or remove it"
     };
-    Err(SimulateError::invalid(place, problem, mend))
+    Err(SimulateError::invalid(place, problem, hint))
 }
 
 #[derive(PartialEq)]

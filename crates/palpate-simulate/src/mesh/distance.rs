@@ -38,16 +38,20 @@ impl SignedDistance {
     /// by two triangles that run along it in opposite directions, and a mesh that faces inwards.
     pub fn new(mesh: &TriangleMesh) -> Result<Self> {
         let invalid =
-            |place: String, problem: &str, mend: &str| Err(SimulateError::invalid(place, problem, mend));
+            |place: String, problem: &str, hint: &str| Err(SimulateError::invalid(place, problem, hint));
         if mesh.triangles.is_empty() {
             return invalid("surface".into(), "there is no triangle in it", "give a closed triangle mesh");
         }
         if let Some(v) = mesh.positions.iter().position(|p| !p.is_finite()) {
-            return invalid(format!("vertex {v}"), "a coordinate is not finite", "mend the mesh");
+            return invalid(format!("vertex {v}"), "a coordinate is not finite", "repair the mesh");
         }
         let count = mesh.positions.len();
         if let Some(t) = mesh.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= count)) {
-            return invalid(format!("triangle {t}"), "it names a vertex that is not there", "mend the mesh");
+            return invalid(
+                format!("triangle {t}"),
+                "it names a vertex that is not there",
+                "repair the mesh",
+            );
         }
         let corners = |t: &[u32; 3]| t.map(|v| mesh.positions[v as usize]);
         let normals: Vec<DVec3> = mesh
@@ -85,8 +89,8 @@ impl SignedDistance {
         }
         let volume: f64 = volumes.values().sum();
         if volume <= 0.0 {
-            let mend = "turn its triangles round: anticlockwise seen from outside";
-            return invalid("surface".into(), "it faces inwards, or has no volume", mend);
+            let hint = "turn its triangles round: anticlockwise seen from outside";
+            return invalid("surface".into(), "it faces inwards, or has no volume", hint);
         }
         let mut used = vec![false; count];
         mesh.triangles.iter().flatten().for_each(|&v| used[v as usize] = true);
@@ -176,7 +180,7 @@ fn twins(mesh: &TriangleMesh) -> Result<Vec<u32>> {
     let mut twins = vec![0; edges.len()];
     for run in edges.chunk_by(|a, b| a.0 == b.0) {
         let start = |h: u32| mesh.triangles[h as usize / 3][h as usize % 3];
-        let (problem, mend) = match *run {
+        let (problem, hint) = match *run {
             [(_, g), (_, h)] if start(g) != start(h) => {
                 twins[g as usize] = h;
                 twins[h as usize] = g;
@@ -189,7 +193,7 @@ fn twins(mesh: &TriangleMesh) -> Result<Vec<u32>> {
         let [a, b] = run[0].0;
         let p = (mesh.positions[a as usize] + mesh.positions[b as usize]) * 500.0;
         let place = format!("the edge of vertices {a} and {b} at ({:.3}, {:.3}, {:.3}) mm", p.x, p.y, p.z);
-        return Err(SimulateError::invalid(place, problem, mend));
+        return Err(SimulateError::invalid(place, problem, hint));
     }
     Ok(twins)
 }

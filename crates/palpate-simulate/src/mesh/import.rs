@@ -1,7 +1,7 @@
 //! Meshes from files: Gmsh's .msh (2.2 and 4.1), VTK (.vtk, .vtu), TetGen (.node and .ele).
 //!
-//! Like the surface readers of [`palpate_body::import`], these never trust a count, and say line (or byte) and mend of
-//! whatever is wrong. Linear tetrahedra get nodes at the middles of their edges; elements that are turned inside out
+//! Like the surface readers of [`palpate_body::import`], these never trust a count, and say line (or byte) and hint of
+//! whatever is wrong. Linear tetrahedra get nodes at the middles of their edges; elements that are inverted
 //! are turned back; nodes that no element uses are dropped, the others keep their order.
 
 mod content;
@@ -20,7 +20,7 @@ use std::path::Path;
 pub enum Imported {
     /// Tetrahedra.
     Volume(TetMesh),
-    /// No solid cell: triangles, not yet mended (see [`palpate_body::repair`]).
+    /// No solid cell: triangles, not yet repaired (see [`palpate_body::repair`]).
     Surface(TriangleMesh),
 }
 
@@ -34,7 +34,7 @@ pub enum Imported {
 /// # Errors
 /// A file that can't be read, is of another format or version, or holds a surface only; a number that is none or not
 /// finite; a node that isn't there; counts that the file doesn't hold; solids other than tetrahedra with 4 or 10 nodes,
-/// or both kinds mixed; an element in several regions; curved elements that are turned inside out, but not all.
+/// or both kinds mixed; an element in several regions; curved elements that are inverted, but not all.
 pub fn read(path: &Path, unit: LengthUnit) -> Result<TetMesh> {
     match read_any(path, unit)? {
         Imported::Volume(mesh) => Ok(mesh),
@@ -98,13 +98,13 @@ fn read_tetgen_files(path: &Path, unit: LengthUnit) -> Result<TetMesh> {
 }
 
 fn two_files(problem: &str) -> SimulateError {
-    let mend = "a mesh of TetGen's is two files, .node and .ele: keep them side by side";
-    SimulateError::invalid("file", problem, mend)
+    let hint = "a mesh of TetGen's is two files, .node and .ele: keep them side by side";
+    SimulateError::invalid("file", problem, hint)
 }
 
 fn no_solid() -> SimulateError {
-    let mend = "mesh the volume (gmsh -3), or give the file where a surface is wanted";
-    SimulateError::invalid("mesh", "there is no tetrahedron in it, a surface at most", mend)
+    let hint = "mesh the volume (gmsh -3), or give the file where a surface is wanted";
+    SimulateError::invalid("mesh", "there is no tetrahedron in it, a surface at most", hint)
 }
 
 #[derive(Clone, Copy, PartialEq)]

@@ -501,7 +501,7 @@ impl<'a, F: Fn(DVec3) -> (f64, DVec3) + Sync> Cut<'a, F> {
             Side::Surface => 1,
             Side::Outside => 2,
         };
-        // Sorted inside first; an odd number of swaps turns it inside out, and so its parts.
+        // Sorted inside first; an odd number of swaps inverts it, and so its parts.
         let mut odd = false;
         for i in 1..4 {
             for j in (1..=i).rev() {
@@ -646,7 +646,7 @@ fn finish<F: Fn(DVec3) -> (f64, DVec3) + Sync>(
     if let Some(t) = inverted {
         let p = corners[t[0] as usize] * 1e3;
         return Err(coarse(format!(
-            "an element at ({:.3}, {:.3}, {:.3}) mm is inside out: the surface turns too sharply there",
+            "an element at ({:.3}, {:.3}, {:.3}) mm is inverted: the surface turns too sharply there",
             p.x, p.y, p.z
         )));
     }

@@ -1,12 +1,13 @@
 //! The bodies that are timed.
 
-use crate::law::{Law, Variation};
+use crate::law::{AnalyticLaw, Variation};
 use crate::spec::{Deflection, Friction};
 use anyhow::Result;
 use glam::DVec3;
 use palpate_body::shape::{Resolution, Shape};
 use palpate_body::{
-    Body, BodyParts, CoupledLaw, Curve, Extension, NodeMix, Potential, Provenance, SlipRule, Tool, tensor,
+    BlendWeights, Body, BodyParts, CoupledLaw, Curve, Extension, Potential, Provenance, SlipRule, Tool,
+    tensor,
 };
 
 /// m
@@ -18,11 +19,14 @@ const AROUND: usize = 24;
 const ALONG: usize = 11;
 
 /// The paper's law at the mean.
-const LAW: Law =
-    Law { normal_n_per_m: 600.0, lateral_n_per_m: 500.0, variation: Variation { around: 0.5, along: 0.2 } };
+const LAW: AnalyticLaw = AnalyticLaw {
+    normal_n_per_m: 600.0,
+    lateral_n_per_m: 500.0,
+    variation: Variation { around: 0.5, along: 0.2 },
+};
 
 /// A tube of about this many triangles with the responses of the coarse one's 288 nodes: at 528 triangles every node
-/// is its own test point, elsewhere a node mixes the three of the coarse triangle that it lies in, in (θ, z). Sideways
+/// is its own test point, elsewhere a node blends the three of the coarse triangle that it lies in, in (θ, z). Laterally
 /// it is `ratio` times as stiff along the axis as around it.
 ///
 /// # Errors
@@ -45,9 +49,9 @@ pub fn cylinder(triangles: usize, ratio: f64) -> Result<Body> {
     let surface = surface.with_inward_normals(radial)?;
     let tensor = |u: &DVec3| tensor::along(DVec3::Z, ratio, *u).unwrap_or(tensor::IDENTITY);
     let tensors = surface.inward_normals().iter().map(tensor).collect();
-    let mixes = (0..=along).flat_map(|row| (0..around).map(move |column| (row, column)));
-    let mixes = mixes.map(|(row, column)| {
-        mix(column as f64 / around as f64 * AROUND as f64, row as f64 / along as f64 * ALONG as f64)
+    let blends = (0..=along).flat_map(|row| (0..around).map(move |column| (row, column)));
+    let blends = blends.map(|(row, column)| {
+        blend(column as f64 / around as f64 * AROUND as f64, row as f64 / along as f64 * ALONG as f64)
     });
     let test_point_nodes = (0..=ALONG).flat_map(|row| (0..AROUND).map(move |column| (row, column)));
     let nearest = |i: usize, of: usize, to: usize| (i * to + of / 2) / of;
@@ -55,7 +59,7 @@ pub fn cylinder(triangles: usize, ratio: f64) -> Result<Body> {
         (nearest(row, ALONG, along) * around + nearest(column, AROUND, around) % around) as u32
     });
     Ok(Body::new(BodyParts {
-        mixes: mixes.collect(),
+        blends: blends.collect(),
         test_point_nodes: test_point_nodes.collect(),
         surface,
         responses,
@@ -103,8 +107,8 @@ pub fn coupled_cylinder(triangles: usize, ratio: f64) -> Result<Body> {
     Ok(Body::new(BodyParts { coupled: Some(CoupledLaw { range_m: 4e-3, potentials }), ..parts })?)
 }
 
-/// The mix at (u, v) in cells of the coarse grid: area coordinates in the half of the cell's square that holds it.
-fn mix(u: f64, v: f64) -> NodeMix {
+/// The blend at (u, v) in cells of the coarse grid: area coordinates in the half of the cell's square that holds it.
+fn blend(u: f64, v: f64) -> BlendWeights {
     let (j, row) = ((u as usize).min(AROUND - 1), (v as usize).min(ALONG - 1));
     let (u, v) = (u - j as f64, v - row as f64);
     let node = |row: usize, column: usize| (row * AROUND + column % AROUND) as u32;
@@ -116,8 +120,8 @@ fn mix(u: f64, v: f64) -> NodeMix {
     };
     // A node of the coarse grid itself is found to the last digit or so.
     match weights.iter().position(|w| *w > 1.0 - 1e-12) {
-        Some(own) => NodeMix::own(test_points[own]),
-        None => NodeMix { test_points, weights },
+        Some(own) => BlendWeights::own(test_points[own]),
+        None => BlendWeights { test_points, weights },
     }
 }
 

@@ -39,7 +39,7 @@ impl Direction {
 
 /// What is done with the patch.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Plan {
+pub struct ReferencePlan {
     /// How far it is pressed along −y, m.
     pub depth_m: f64,
     /// In so many steps.
@@ -137,7 +137,7 @@ impl Part {
         if !self.symmetric[axis] {
             return;
         }
-        // A reflection turns an element inside out; with corners 1 and 2 exchanged, and the nodes on edges accordingly, it
+        // A reflection inverts an element; with corners 1 and 2 exchanged, and the nodes on edges accordingly, it
         // is back.
         const TURNED: [usize; 10] = [0, 2, 1, 3, 6, 5, 4, 7, 9, 8];
         let near = tolerance(&self.mesh);
@@ -228,7 +228,7 @@ fn tolerance(mesh: &TetMesh) -> f64 {
 
 /// One equilibrium on the path. Forces are of the whole body.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct State {
+pub struct ReferenceState {
     /// How far the patch is pressed in, m.
     pub depth_m: f64,
     /// How far it is dragged, m.
@@ -256,7 +256,7 @@ pub struct Solves {
 
 impl From<Counts> for Solves {
     fn from(counts: Counts) -> Self {
-        let Counts { newton, conjugate, factorisations, assemblies } = counts;
+        let Counts { newton, cg_iterations: conjugate, factorisations, assemblies } = counts;
         Solves { newton, conjugate, factorisations, assemblies }
     }
 }
@@ -265,7 +265,7 @@ impl From<Counts> for Solves {
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// As far as it went.
-    pub states: Vec<State>,
+    pub states: Vec<ReferenceState>,
     /// Why it ended early.
     pub stopped: Option<String>,
     /// What its solves took.
@@ -302,19 +302,19 @@ impl Reference {
     }
 
     /// Moves the patch as planned.
-    pub fn run(&self, plan: &Plan) -> Outcome {
+    pub fn run(&self, plan: &ReferencePlan) -> Outcome {
         self.move_patch(&self.part.patch, plan)
     }
 
     /// Presses a further patch of the same radius, half a radius around the cylinder from the first.
-    pub fn run_further(&self, plan: &Plan) -> Outcome {
+    pub fn run_further(&self, plan: &ReferencePlan) -> Outcome {
         let (middle, radius) = self.part.middle();
         let turn = -0.5 * radius / middle.truncate().length().max(f64::MIN_POSITIVE);
         let at = glam::DMat3::from_rotation_z(turn) * middle;
-        self.move_patch(&self.model.patch(at, radius), &Plan { drag_m: 0.0, ..*plan })
+        self.move_patch(&self.model.patch(at, radius), &ReferencePlan { drag_m: 0.0, ..*plan })
     }
 
-    fn move_patch(&self, patch: &[u32], plan: &Plan) -> Outcome {
+    fn move_patch(&self, patch: &[u32], plan: &ReferencePlan) -> Outcome {
         let start = Stopwatch::start();
         let moved: Vec<Fixed> = patch.iter().map(|&node| Fixed { node, axes: [true; 3] }).collect();
         let mut along = DVec3::ZERO;
@@ -336,14 +336,14 @@ impl Reference {
         let factor = self.part.factor();
         // A part's own force across its plane of symmetry is balanced by the other's.
         let tangential = if self.part.symmetric[plan.direction.axis()] { 0.0 } else { factor };
-        let states = path.states.iter().zip(&way).map(|(state, &[depth_m, distance_m])| State {
+        let states = path.states.iter().zip(&way).map(|(state, &[depth_m, distance_m])| ReferenceState {
             depth_m,
             distance_m,
             force_n: -factor * state.force_n.y,
             tangential_force_n: tangential * state.force_n.dot(along),
             newton_steps: state.iterations,
         });
-        let states: Vec<State> = states.collect();
+        let states: Vec<ReferenceState> = states.collect();
         let stopped = path.stopped.map(|stop| {
             let [depth, distance] = way[states.len()];
             format!("no equilibrium at {:.3} mm, {:.3} mm along: {}", depth * 1e3, distance * 1e3, stop.why)
@@ -389,10 +389,10 @@ mod tests {
         Part { mesh, patch, symmetric: [true, false, true], mirrored: [false; 3] }
     }
 
-    const PLAN: Plan =
-        Plan { depth_m: 2e-3, steps: 2, drag_m: 0.0, drag_steps: 2, direction: Direction::Axial };
+    const PLAN: ReferencePlan =
+        ReferencePlan { depth_m: 2e-3, steps: 2, drag_m: 0.0, drag_steps: 2, direction: Direction::Axial };
 
-    fn run(part: Part, plan: &Plan) -> Vec<State> {
+    fn run(part: Part, plan: &ReferencePlan) -> Vec<ReferenceState> {
         let material = Material::isochoric_neo_hookean(1e4, 0.45).unwrap();
         let outcome = Reference::new(part, material).unwrap().run(plan);
         assert_eq!(outcome.stopped, None);
@@ -422,8 +422,8 @@ mod tests {
         }
         // A drag on the half is one on the whole, and the other way is its mirror image.
         for (half, direction) in [(axial, Direction::Axial), (around, Direction::Around)] {
-            let plan = Plan { drag_m: 1e-3, direction, ..PLAN };
-            let back = Plan { drag_m: -1e-3, ..plan };
+            let plan = ReferencePlan { drag_m: 1e-3, direction, ..PLAN };
+            let back = ReferencePlan { drag_m: -1e-3, ..plan };
             let expected = run(whole.clone(), &plan);
             assert_eq!(expected.len(), 4);
             let [here, there] = [run(half.clone(), &plan), run(half, &back)];

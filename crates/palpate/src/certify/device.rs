@@ -11,7 +11,7 @@ pub struct Device {
     pub damping_n_s_per_m: f64,
     /// Rate of the loop 1/T, Hz.
     pub rate_hz: f64,
-    /// Greatest error e of a measured position, m: √3/2 of the encoder's step at the tip, half a step along each axis.
+    /// Greatest error e of a measured position, m: √3/2 of the encoder's step at the tool, half a step along each axis.
     pub position_error_m: f64,
     /// Coulomb friction c_f, N.
     pub coulomb_n: f64,
@@ -64,7 +64,7 @@ pub struct Limits {
     /// The greatest stiffness it can hold, N/m; null, like the two below, where a delay or an error of position makes it a
     /// matter of L or of the contact point's way, and that is not bounded.
     pub stiffness_limit_n_per_m: Option<f64>,
-    /// The depth δz down to which no place of the body is stiffer; 0 if the body is too stiff sideways at any depth.
+    /// The depth δz down to which no place of the body is stiffer; 0 if the body is too stiff laterally at any depth.
     pub depth_limit_m: Option<f64>,
     /// The normal force up to which no place is as deep.
     pub force_limit_n: Option<f64>,
@@ -104,7 +104,7 @@ pub fn limits(body: &Body, device: Device, lipschitz: Option<f64>, pace: Option<
         let depth = |curve: &Curve| depth_of_slope(curve, stiffness);
         body.curves().iter().map(|r| depth(&r.normal)).fold(end, f64::min)
     });
-    // Pressed deeper, every mix of curves gives at least the softest one's force.
+    // Pressed deeper, every blend of curves gives at least the softest one's force.
     let force = |depth| body.curves().iter().map(|r| r.normal.value(depth)).fold(f64::INFINITY, f64::min);
     Limits {
         device,

@@ -2,7 +2,7 @@
 
 use anyhow::{Result, bail};
 use palpate_body::{Body, BodyError, BodyParts, Curve, Extension, SlipRule};
-use palpate_engine::certify::{Assumptions, Cell, Criterion, Effort, Patch, least};
+use palpate_engine::certify::{Assumptions, Cell, Criterion, Effort, ElementStates, least};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -85,7 +85,7 @@ pub fn raise(body: &Body, assumptions: &Assumptions, evaluations: u32) -> Result
 
 /// The friction that an element needs in each interval between knots: 0 where it has enough.
 fn needs(body: &Body, element: u32, assumptions: &Assumptions, knots: &[f64], evaluations: u32) -> Vec<f64> {
-    let patch = Patch::new(body, element, assumptions);
+    let patch = ElementStates::new(body, element, assumptions);
     let effort = Effort { evaluations, absolute: 3e-3, relative: 0.02 };
     let deepest = assumptions.depth_m.unwrap_or(f64::INFINITY);
     let need = |k: &[f64]| {

@@ -6,7 +6,7 @@ pub mod witness;
 
 use crate::inspect::{StiffnessAt, stiffness_max};
 use palpate_body::{Body, NO_TWIN, SlipRule};
-use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, Patch, ROUNDING, least};
+use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, ElementStates, ROUNDING, least};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -28,7 +28,7 @@ pub struct Element {
     pub lipschitz: Option<Bounds>,
     /// Whether one of its edges is a crease: there the frames jump.
     pub creased: bool,
-    /// Whether friction can hold farther aside than is looked at.
+    /// Whether friction can hold farther laterally than is looked at.
     pub too_far: bool,
 }
 
@@ -73,7 +73,7 @@ pub fn elements(body: &Body, assumptions: &Assumptions, evaluations: u32) -> Vec
     (0..body.elements().len() as u32)
         .into_par_iter()
         .map(|element| {
-            let patch = Patch::new(body, element, assumptions);
+            let patch = ElementStates::new(body, element, assumptions);
             let cells = patch.cells();
             let effort = |absolute| Effort { evaluations, absolute, relative: 0.1 };
             let snap_free = least(Criterion::SnapFree, &patch, &cells, effort(1.0));
@@ -139,7 +139,7 @@ pub struct Place {
 impl Place {
     fn of(body: &Body, assumptions: &Assumptions, element: u32, bounds: &Bounds) -> Option<Self> {
         let cell = bounds.at?;
-        let state = Patch::new(body, element, assumptions).state(&cell);
+        let state = ElementStates::new(body, element, assumptions).state(&cell);
         Some(Place {
             element,
             contact_m: state.contact.to_array(),
@@ -199,7 +199,7 @@ pub fn window(body: &Body, assumptions: &Assumptions) -> Vec<WindowRow> {
         let found: Vec<[f64; 2]> = (0..body.elements().len() as u32)
             .into_par_iter()
             .map(|element| {
-                let patch = Patch::new(body, element, &assumptions);
+                let patch = ElementStates::new(body, element, &assumptions);
                 let cells = patch.cells();
                 [Criterion::Passive, Criterion::SnapFree].map(|c| least(c, &patch, &cells, effort).found)
             })
@@ -225,7 +225,7 @@ pub struct Certificate {
     pub passive: Holds,
     /// S: no slip runs away; margins are η, N/m.
     pub snap_free: Holds,
-    /// L: no force changes faster with the tip's position, proved; null where S is not.
+    /// L: no force changes faster with the tool's position, proved; null where S is not.
     pub lipschitz_n_per_m: Option<f64>,
     /// The greatest that was found on the elements where S is proved.
     pub lipschitz_found_n_per_m: Option<f64>,
@@ -258,7 +258,7 @@ pub struct Scope {
     pub depth_m: f64,
     /// Longest way of the tool from step to step, m.
     pub step_m: f64,
-    /// How far aside of the drive a slip may run, rad.
+    /// How far off the drive a slip may run, rad.
     pub aside_rad: f64,
 }
 

@@ -4,7 +4,7 @@ use crate::path::Waypoint;
 use crate::trace::rollout;
 use glam::DVec3;
 use palpate_body::{Body, SlipRule};
-use palpate_engine::certify::{Assumptions, Cell, Criterion, Patch, State};
+use palpate_engine::certify::{Assumptions, Cell, Criterion, ElementStates, SlipState};
 use palpate_engine::{Ablation, Flags, ToolState};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -51,14 +51,14 @@ pub fn of_energy(body: &Body, assumptions: &Assumptions, element: u32, cell: &Ce
 
 /// Presses at the state's contact point, or a little before it, and drags across, with all slips where P is broken.
 fn generating(body: &Body, assumptions: &Assumptions, element: u32, cell: &Cell) -> Option<Shown> {
-    let patch = Patch::new(body, element, assumptions);
+    let patch = ElementStates::new(body, element, assumptions);
     let broken = |cell: &Cell| Criterion::Passive.bound(&patch, cell) < 0.0;
     // Along the way, with friction just overcome.
     let at = |way: f64| patch.moved(cell, way).map(|c| patch.at_limit(&c)).filter(|c| broken(c));
     let far = |sign: f64| (1..1000).take_while(|i| at(sign * f64::from(*i) * FINE).is_some()).count() as i32;
     if at(0.0).is_some() {
         let (from, to) = (-far(-1.0), far(1.0));
-        let drag: Vec<State> =
+        let drag: Vec<SlipState> =
             (from..=to).filter_map(|i| at(f64::from(i) * FINE)).map(|c| patch.state(&c)).collect();
         if let Some(shown) =
             traced(body, assumptions.slip, &[pressed(body, drag.first()?), tips(&drag)].concat())
@@ -70,33 +70,33 @@ fn generating(body: &Body, assumptions: &Assumptions, element: u32, cell: &Cell)
     // Only beyond the limit: a leap from within it.
     let start = patch.state(&patch.at_limit(cell));
     let leap = patch.state(cell);
-    traced(body, assumptions.slip, &[pressed(body, &start), vec![leap.tip]].concat())
+    traced(body, assumptions.slip, &[pressed(body, &start), vec![leap.tool_position]].concat())
         .filter(|s| s.generated_j > 0.0)
 }
 
-/// A path on which the force jumps near a state that breaks S: presses at its contact point and moves aside until friction
+/// A path on which the force jumps near a state that breaks S: presses at its contact point and moves laterally until friction
 /// is overcome.
 pub fn of_snap(body: &Body, assumptions: &Assumptions, element: u32, cell: &Cell) -> Option<Shown> {
-    let patch = Patch::new(body, element, assumptions);
+    let patch = ElementStates::new(body, element, assumptions);
     let state = patch.state(&patch.at_limit(cell));
     let mut path = pressed(body, &state);
     let aside = state.lateral.try_normalize().unwrap_or(state.along);
     let beyond = 0.2 * state.lateral.length() + 2e-4;
-    path.extend(line(state.tip, state.tip + aside * beyond));
+    path.extend(line(state.tool_position, state.tool_position + aside * beyond));
     let shown = traced(body, assumptions.slip, &path)?;
     // A jump does not shrink with the steps.
     (shown.finer_step_n > CLICK && shown.finer_step_n > 0.5 * shown.largest_step_n).then_some(shown)
 }
 
-/// From above the contact point down along its frame, and aside to the state: in stick.
-fn pressed(body: &Body, state: &State) -> Vec<DVec3> {
+/// From above the contact point down along its frame, and laterally to the state: in stick.
+fn pressed(body: &Body, state: &SlipState) -> Vec<DVec3> {
     let outside = state.contact - state.inward * (ABOVE + body.tool().radius_m());
-    let down = state.tip - state.lateral;
-    [line(outside, down), line(down, state.tip)].concat()
+    let down = state.tool_position - state.lateral;
+    [line(outside, down), line(down, state.tool_position)].concat()
 }
 
-fn tips(states: &[State]) -> Vec<DVec3> {
-    states.iter().map(|s| s.tip).collect()
+fn tips(states: &[SlipState]) -> Vec<DVec3> {
+    states.iter().map(|s| s.tool_position).collect()
 }
 
 /// Its end, and its beginning where it is a point.

@@ -53,7 +53,7 @@ pub struct Args {
         default_value = "decoupled,coupled"
     )]
     law: Vec<Law>,
-    /// Tubes that are 1.9 times as stiff sideways along the axis as around it
+    /// Tubes that are 1.9 times as stiff laterally along the axis as around it
     #[arg(long)]
     anisotropic: bool,
     #[command(flatten)]

@@ -7,7 +7,7 @@ use crate::path::Waypoint;
 use crate::{console, files, vtu};
 use palpate_body::{Body, SlipRule};
 use palpate_device::presets;
-use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, Patch, least};
+use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, ElementStates, least};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -16,9 +16,9 @@ use std::path::{Path, PathBuf};
 /// For every element, all depths and all directions of slip: P (passive), no slip makes energy out of nothing; S (snap
 /// free), no slip runs away; L, how fast the force can change. Proved by bounds of the curves' polynomials, up to
 /// rounding; beside each bound stands the worst state that a search found. What is neither proved nor broken is
-/// undecided, and does not hold. Where a certificate is broken, --witness writes a tip path that shows it when traced.
+/// undecided, and does not hold. Where a certificate is broken, --witness writes a tool path that shows it when traced.
 ///
-/// With a device's damping the depth and force down to which the sampled loop is passive are told.
+/// With a device's damping the depth and force down to which the sampled loop is passive are printed.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  palpate certify liver.body --witness witness --vtu liver-margins.vtu\n  \
@@ -56,7 +56,7 @@ pub struct Args {
     /// VTK file to write, with the margins of each element
     #[arg(long, value_name = "FILE")]
     vtu: Option<PathBuf>,
-    /// Folder for passive.csv and snap-free.csv, tip paths that show a broken certificate
+    /// Folder for passive.csv and snap-free.csv, tool paths that show a broken certificate
     #[arg(long, value_name = "DIR")]
     witness: Option<PathBuf>,
     /// Device that the sampled loop is judged for, with what is known or guessed of it
@@ -225,7 +225,7 @@ fn worst(
 fn pace(body: &Body, assumptions: &Assumptions, evaluations: u32) -> Option<f64> {
     let effort = Effort { evaluations, absolute: 0.01, relative: 0.1 };
     let of = |element| {
-        let patch = Patch::new(body, element, assumptions);
+        let patch = ElementStates::new(body, element, assumptions);
         least(Criterion::Pace, &patch, &patch.cells(), effort).proved
     };
     let least = (0..body.elements().len() as u32).into_par_iter().map(of).reduce(|| 0.0, f64::min);
@@ -250,7 +250,7 @@ fn write_path(path: &Path, body: &Path, rule: SlipRule, shown: &Shown) -> anyhow
     })
 }
 
-/// For ParaView. What is infinite (nothing slips) is shown as not a number.
+/// For ParaView. What is infinite (nothing slips) is shown as NaN.
 fn margins(elements: &[Element]) -> Vec<(&'static str, Vec<f64>)> {
     let each = |of: &dyn Fn(&Element) -> f64| {
         elements.iter().map(|e| Some(of(e)).filter(|x| x.is_finite()).unwrap_or(f64::NAN)).collect()
@@ -329,7 +329,7 @@ fn text(c: &Certificate) -> String {
         if let Some(w) = h.worst.as_ref().filter(|_| h.failing_elements > 0) {
             let [x, y, z] = w.contact_m.map(|x| x * 1e3);
             out += &format!(
-                "\n{name}: the worst is {what} on element {} at ({x:.2}, {y:.2}, {z:.2}) mm, {:.3} mm deep, {:.3} mm aside",
+                "\n{name}: the worst is {what} on element {} at ({x:.2}, {y:.2}, {z:.2}) mm, {:.3} mm deep, {:.3} mm laterally",
                 w.element,
                 w.depth_m * 1e3,
                 w.lateral_m * 1e3

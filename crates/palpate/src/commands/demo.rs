@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 /// Touch a soft cylinder with and without interpolation: the paper's experiment
 ///
-/// A scripted tip presses, drags, circles and lets go at 1 kHz, in four settings: both interpolations, coordinates
+/// A scripted tool presses, drags, circles and lets go at 1 kHz, in four settings: both interpolations, coordinates
 /// off, responses off, both off. It writes report.md (start there), report.json, pictures, the force's rate as sound,
 /// and the body and path to go on with.
 #[derive(Debug, clap::Args)]

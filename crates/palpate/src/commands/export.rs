@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 /// Write a body for ParaView or spreadsheets, or a recording for spreadsheets
 ///
 /// --vtu gives an unstructured grid with, at each node, inward_normal, stiffness 1 mm deep and at full depth and
-/// lateral stiffness (N/m), the largest normal force (N), friction at depth 0, and the test points it mixes with
+/// lateral stiffness (N/m), the largest normal force (N), friction at depth 0, and the test points it blends with
 /// their weights. --csv gives nodes.csv, elements.csv and curves.csv; the last one holds the curves as samples, which
 /// `palpate fit` reads. Of a body with a coupled law it is potentials.csv in its place, and the grid has the eigenvalues of K
 /// 1 mm deep and at full depth.

@@ -9,7 +9,7 @@ use palpate_body::import::{self, LengthUnit};
 use palpate_body::repair::{self, Options};
 use palpate_body::shape::Shape;
 use palpate_body::{
-    Body, BodyParts, Interpolation, NodeMix, Provenance, Response, SlipRule, Surface, Tool, TriangleMesh,
+    BlendWeights, Body, BodyParts, Interpolation, Provenance, Response, SlipRule, Surface, Tool, TriangleMesh,
 };
 use palpate_identify::{FitOptions, FitReport, fit, read_samples};
 use serde::Serialize;
@@ -77,7 +77,7 @@ struct Report {
 }
 
 /// Mixes, responses, the test points' nodes, and the report if they come from samples.
-type Fitted = (Vec<NodeMix>, Vec<Response>, Vec<u32>, Option<FitReport>);
+type Fitted = (Vec<BlendWeights>, Vec<Response>, Vec<u32>, Option<FitReport>);
 
 /// Runs the command.
 ///
@@ -108,7 +108,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let surface = surface(args, spec.as_ref(), mesh, &mut notes)?;
     notes.extend(folds(&surface));
-    let (mixes, responses, test_point_nodes, fitted) = responses(args, spec.as_ref(), &surface)?;
+    let (blends, responses, test_point_nodes, fitted) = responses(args, spec.as_ref(), &surface)?;
     if let Some(report) = &fitted {
         notes.extend(report.notes.iter().cloned());
     }
@@ -122,7 +122,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let body = Body::new(BodyParts {
         surface,
-        mixes,
+        blends,
         responses,
         test_point_nodes,
         coupled: None,
@@ -263,12 +263,12 @@ fn responses(args: &Args, spec: Option<&Spec>, surface: &Surface) -> anyhow::Res
         let samples = read_samples(path)?;
         let options = FitOptions { interpolation, default_friction };
         let fitted = fit(surface, &samples, &options).map_err(|e| e.in_file(path))?;
-        return Ok((fitted.mixes, fitted.responses, fitted.test_point_nodes, Some(fitted.report)));
+        return Ok((fitted.blends, fitted.responses, fitted.test_point_nodes, Some(fitted.report)));
     }
     let Some((spec, path)) = spec.zip(args.spec.as_deref()) else {
         return Err(anyhow!("no curves given; give --samples, or a --spec with [response]"));
     };
-    let missing = |what: &str, mend: &str| anyhow!("{}: {what} is missing; {mend}", path.display());
+    let missing = |what: &str, hint: &str| anyhow!("{}: {what} is missing; {hint}", path.display());
     let law = spec.law.ok_or_else(|| missing("[response]", "name a law there, or give --samples"))?;
     let deflection = spec.deflection.ok_or_else(|| {
         missing("[deflection]", "say how far the law reaches: normal_max_mm and lateral_max_mm")
@@ -278,7 +278,7 @@ fn responses(args: &Args, spec: Option<&Spec>, surface: &Surface) -> anyhow::Res
         .responses(surface.positions(), &friction, deflection)
         .with_context(|| path.display().to_string())?;
     let nodes: Vec<u32> = (0..responses.len() as u32).collect();
-    Ok((nodes.iter().map(|&n| NodeMix::own(n)).collect(), responses, nodes, None))
+    Ok((nodes.iter().map(|&n| BlendWeights::own(n)).collect(), responses, nodes, None))
 }
 
 fn digests(inputs: &[&Path]) -> anyhow::Result<BTreeMap<String, String>> {

@@ -2,8 +2,8 @@
 
 use super::Failure;
 use super::run::{Args, DeviceName};
-use crate::intent::Intent;
-use crate::live::{self, BodyIn, Hold, Place, Plan};
+use crate::intent::MotionScript;
+use crate::live::{self, BodyIn, Hold, LivePlan, Place};
 use crate::{console, files};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
@@ -25,7 +25,7 @@ pub struct LiveArgs {
     /// Never a faster change of the force; at least half of the largest force a period, the default
     #[arg(long, value_name = "N/S")]
     slew_n_per_s: Option<f64>,
-    /// How long the force takes to grow in, s [default: 0.5]
+    /// How long the force takes to ramp up, s [default: 0.5]
     #[arg(long, value_name = "S")]
     soft_start_s: Option<f64>,
     /// Damping besides the device's own, N·s/m
@@ -46,7 +46,7 @@ pub struct LiveArgs {
     /// Priority of the haptic thread (SCHED_FIFO), 1 to 98; 0 asks for nothing
     #[arg(long, value_name = "N", default_value_t = 80)]
     priority: u8,
-    /// How much of the way to each deadline is waited for awake, µs: less jitter, more of a core [default: 200, and at most two
+    /// How much of the way to each deadline is busy-waited, µs: less jitter, more of a core [default: 200, and at most two
     /// fifths of a period]
     #[arg(long, value_name = "US")]
     spin_us: Option<f64>,
@@ -112,7 +112,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
 }
 
-fn plan(args: &Args) -> Result<Plan> {
+fn plan(args: &Args) -> Result<LivePlan> {
     let live = &args.live;
     super::run::check(args)?;
     if !(args.rate_hz >= 10.0 && args.rate_hz <= 2e4) {
@@ -165,7 +165,7 @@ fn plan(args: &Args) -> Result<Plan> {
         rotation: live.rotation,
         clutch: live.clutch_button,
     };
-    Ok(Plan {
+    Ok(LivePlan {
         body: BodyFile::default(),
         settings,
         safety,
@@ -191,7 +191,12 @@ fn hold(args: &Args, device: &DeviceName, body: &dyn BodySource) -> Result<Hold>
             })?;
             let (hand, _) = presets::hand(&args.hand)
                 .ok_or_else(|| anyhow!("--hand {}: give one of {}", args.hand, presets::HANDS.join(", ")))?;
-            live::simulated(body, capabilities, hand, &Intent::find(&args.intent, body.outline())?)?
+            live::simulated(
+                body,
+                capabilities,
+                hand,
+                &MotionScript::find(&args.intent, body.model_header())?,
+            )?
         }
         DeviceName::Replay(file) => live::replay(file, args.rate_hz)?,
         DeviceName::Dhd(index) => {

@@ -62,7 +62,7 @@ impl Ablate {
 /// Why a command did not end with 0.
 #[derive(Debug)]
 pub enum Failure {
-    /// The input was wrong: exit status 1, one message that says what, where, and how to mend it.
+    /// The input was wrong: exit status 1, one message that says what, where, and how to correct it.
     Input(anyhow::Error),
     /// A check fell short: exit status 3.
     Check(String),

@@ -1,8 +1,8 @@
 //! `palpate run`.
 
 use super::Failure;
-use crate::closed_loop::{self, Setup, Summary};
-use crate::intent::{Intent, NAMES};
+use crate::closed_loop::{self, LoopSummary, Setup};
+use crate::intent::{MotionScript, NAMES};
 use crate::trace::{COLUMNS, count, write_row};
 use crate::{console, files};
 use anyhow::{anyhow, bail};
@@ -53,7 +53,7 @@ pub struct Args {
     /// Periods a second
     #[arg(long, value_name = "N", default_value_t = 1000.0)]
     pub(super) rate_hz: f64,
-    /// How long; without it, as long as the intent or replay, and with a real device until a signal comes
+    /// How long; without it, as long as the motion script or replay, and with a real device until a signal comes
     #[arg(long, value_name = "S")]
     pub(super) seconds: Option<f64>,
     /// Interpolation to take away, as in the paper's section 5
@@ -74,7 +74,7 @@ pub struct Args {
     /// Recording to write, one for each device; in virtual time a Trace CSV, as `palpate trace` writes it
     #[arg(long, value_name = "FILE")]
     pub(super) record: Vec<PathBuf>,
-    /// Print what is told as JSON
+    /// Print the output as JSON
     #[arg(long)]
     pub(super) json: bool,
     #[command(flatten)]
@@ -175,7 +175,7 @@ fn setup(args: &Args, body: &Body) -> anyhow::Result<Setup> {
         bail!("--rate-hz {}: give a rate from 10 to 1,000,000 Hz", args.rate_hz);
     }
     check(args)?;
-    let intent = Intent::find(&args.intent, body)?;
+    let intent = MotionScript::find(&args.intent, body)?;
     let preset = match args.device.first() {
         Some(DeviceName::Simulated(Some(preset))) => preset,
         _ => &args.preset,
@@ -200,7 +200,7 @@ fn setup(args: &Args, body: &Body) -> anyhow::Result<Setup> {
 }
 
 /// The summary in words.
-fn told(s: &Summary) -> String {
+fn told(s: &LoopSummary) -> String {
     let t = &s.trace;
     let mj = |j: f64| format!("{:.4} mJ", j * 1e3);
     let mut rows = vec![

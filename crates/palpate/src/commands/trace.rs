@@ -2,7 +2,7 @@
 
 use super::Failure;
 use crate::path::Waypoint;
-use crate::trace::{COLUMNS, Summary, count, rollout, write_row};
+use crate::trace::{COLUMNS, TraceSummary, count, rollout, write_row};
 use crate::{console, files, live, path};
 use anyhow::{anyhow, bail};
 use palpate_body::{Body, SlipRule};
@@ -76,7 +76,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let rule = args.slip.map_or(body.slip(), super::Slip::rule);
     let ablation = args.ablate.map_or(Ablation::None, super::Ablate::ablation);
 
-    let mut summary = Summary::default();
+    let mut summary = TraceSummary::default();
     files::replace_or_stream(&args.output, |out| {
         writeln!(out, "{COLUMNS}")?;
         let mut rollout = rollout(&body, waypoints.iter().copied(), rule, ablation);
@@ -98,11 +98,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     told(args, summary)
 }
 
-fn told(args: &Args, summary: Summary) -> Result<(), Failure> {
+fn told(args: &Args, summary: TraceSummary) -> Result<(), Failure> {
     if args.json {
         console::json(&summary)?;
     } else {
-        let Summary { steps, contacts, largest_force_n, .. } = summary;
+        let TraceSummary { steps, contacts, largest_force_n, .. } = summary;
         console::note(&format!(
             "{}, {}, largest force {largest_force_n:.3} N",
             count(steps, "step"),
@@ -141,9 +141,9 @@ fn retrace(args: &Args) -> Result<(), Failure> {
         );
     };
     let (body, _) = live::open_body(&args.body, Some(rule), args.body_in, false)?;
-    let contact = Contact::on(body.outline(), rule, ablation).with_tank(header.tank);
+    let contact = Contact::on(body.model_header(), rule, ablation).with_tank(header.tank);
     let mut again = Retrace::new(&*body, contact);
-    let mut summary = Summary::default();
+    let mut summary = TraceSummary::default();
     let (mut differ, mut first, mut number, mut missing) = (0u64, None, None, 0u64);
     files::replace_or_stream(&args.output, |out| {
         writeln!(out, "{COLUMNS}")?;
@@ -170,7 +170,7 @@ fn retrace(args: &Args) -> Result<(), Failure> {
         Some(ending) => console::note(&format!("{name}: {ending}")),
     }
     if missing > 0 {
-        console::note(&format!("{name}: {} overslept or dropped", count(missing, "period")));
+        console::note(&format!("{name}: {} missed or dropped", count(missing, "period")));
     }
     let steps = summary.steps;
     told(args, summary)?;

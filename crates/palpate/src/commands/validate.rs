@@ -4,7 +4,7 @@ use super::Failure;
 use super::precompute::cores;
 use crate::precompute::prepare::{inputs_of, margin, prepare};
 use crate::precompute::progress::Progress;
-use crate::precompute::{Prepared, Solver};
+use crate::precompute::{PointSolver, Prepared};
 use crate::record::TestPoint;
 use crate::spec::Spec;
 use crate::validate::{Measure, Trial, Validation, touchable, validate};

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use palpate_body::shape::{Resolution, Shape};
-use palpate_body::{Body, BodyParts, NodeMix, Provenance, Response, Result, SlipRule, Surface, Tool};
+use palpate_body::{BlendWeights, Body, BodyParts, Provenance, Response, Result, SlipRule, Surface, Tool};
 use std::f64::consts::TAU;
 
 /// Radius, m.
@@ -56,7 +56,7 @@ pub(super) fn parts(
 ) -> Result<BodyParts> {
     let nodes = 0..surface.positions().len() as u32;
     Ok(BodyParts {
-        mixes: nodes.clone().map(NodeMix::own).collect(),
+        blends: nodes.clone().map(BlendWeights::own).collect(),
         test_point_nodes: nodes.collect(),
         responses: surface.positions().iter().map(|p| response(*p)).collect::<Result<_>>()?,
         surface,

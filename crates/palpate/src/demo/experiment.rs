@@ -48,7 +48,7 @@ pub struct Rate {
     pub bounds: (f64, f64),
     /// Touching samples where the smooth model has no bound; 0 unless it snaps.
     pub unbounded: usize,
-    /// Fastest tip, m/s.
+    /// Fastest tool, m/s.
     pub fastest: f64,
 }
 
@@ -106,7 +106,7 @@ pub fn roll_out(body: &Body, hz: f64, keep: bool) -> Rate {
 
 impl Rollout {
     fn measure(&mut self, sample: usize, step: f64, allowed: f64) {
-        // What is no number must not pass for small.
+        // A NaN or infinite value must not pass for small.
         let excess = if (step - allowed).is_finite() { (step - allowed).max(0.0) } else { f64::INFINITY };
         self.largest = self.largest.max(step);
         self.excess = self.excess.max(excess);

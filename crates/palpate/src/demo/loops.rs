@@ -11,7 +11,7 @@ use crate::plot::COLOURS;
 use anyhow::{Context, Result};
 use glam::DVec3;
 use palpate_body::{Body, Response, SlipRule, Surface};
-use palpate_device::simulated::{Intent, Target};
+use palpate_device::simulated::{HandMotion, Target};
 use palpate_device::{Device, Simulated, presets};
 use palpate_engine::{Ablation, Contact};
 use palpate_runtime::{Cycle, HapticLoop, Stages, WorkspaceMap};
@@ -189,7 +189,7 @@ impl Around {
     }
 }
 
-impl Intent for Around {
+impl HandMotion for Around {
     fn target(&self, t: f64) -> Target {
         // A central difference: its error, jerk h²/6, is below a nanometre a second.
         let h = 1e-6;

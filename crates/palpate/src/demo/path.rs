@@ -30,7 +30,7 @@ const WAY: (f64, f64) = (3.4, 27e-3);
 /// Radius of the circle, measured on the surface, m.
 const CIRCLE_RADIUS: f64 = 8e-3;
 
-/// The tip at time `t` (s), m: three times continuously differentiable, the same curve at every sampling rate.
+/// The tool at time `t` (s), m: three times continuously differentiable, the same curve at every sampling rate.
 pub fn tip(t: f64) -> DVec3 {
     let drag = travelled(t - PRESSED, DRAG);
     let turn = TAU * travelled(t - DRAGGED, CIRCLE);

@@ -15,13 +15,13 @@ use std::path::Path;
 /// Each setting as a person names it, in the order of the results.
 pub const TITLES: [&str; 4] = ["both interpolations", "coordinates off", "responses off", "both off"];
 
-/// The force's components, seen from the body's axis through the tip.
+/// The force's components, seen from the body's axis through the tool.
 const COMPONENTS: [&str; 3] = ["outward", "around", "along"];
 
 /// What `clicks.png` shows, s: a part of the drag.
 pub const CLOSE_UP: Range<f64> = 1.30..1.60;
 
-/// Unit vectors outward, around and along at the tip.
+/// Unit vectors outward, around and along at the tool.
 pub fn frame(tip: DVec3) -> [DVec3; 3] {
     let out = DVec3::new(tip.x, tip.y, 0.0).normalize_or_zero();
     [out, DVec3::Z.cross(out), DVec3::Z]
@@ -197,7 +197,7 @@ pub fn curves(path: &Path, body: &Body) -> Result<()> {
     type Law = fn(&Response, f64) -> f64;
     let panels: [(&str, &str, Law); 3] = [
         ("Normal force", "pressed in by δz (mm)", |r, d| r.normal.value(d)),
-        ("Lateral force", "pulled aside by δr (mm)", |r, d| r.lateral.value(d)),
+        ("Lateral force", "displaced laterally by δr (mm)", |r, d| r.lateral.value(d)),
         ("Friction limit", "pressed in by δz (mm)", |r, d| r.friction.value(d) * r.normal.value(d)),
     ];
     paint(path, (1500, 600), |area| {

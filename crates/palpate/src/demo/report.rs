@@ -91,7 +91,7 @@ pub struct Setting {
 pub struct PathFacts {
     /// Duration, s.
     pub duration_s: f64,
-    /// Fastest tip, m/s.
+    /// Fastest tool, m/s.
     pub fastest_m_per_s: f64,
     /// Depth of the drag below the true cylinder, m.
     pub depth_m: f64,

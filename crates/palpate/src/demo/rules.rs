@@ -30,7 +30,7 @@ pub struct Cycle {
     pub around: u32,
     /// Slip rule.
     pub slip: &'static str,
-    /// What the hand got for nothing: the force along the tip's way from free space to free space, J.
+    /// What the hand got for nothing: the force along the tool's way from free space to free space, J.
     pub handed_out_j: f64,
     /// What the ledger counts as generated on the way, J; it may have been lost again.
     pub generated_j: f64,

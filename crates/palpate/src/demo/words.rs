@@ -65,7 +65,7 @@ The same path is run in four settings: with both, without one, without the other
 {table}
 - A **step** is how far the force moves from one millisecond to the next. A large one is no fault by itself: pressing
   fast into something stiff is steep. So each is compared with the most that a smooth body could do, its steepest
-  slope at that place (here up to {steepest:.0} N/m) times the way of the tip. What is beyond that is the **excess step**;
+  slope at that place (here up to {steepest:.0} N/m) times the way of the tool. What is beyond that is the **excess step**;
   an excess of more than 1 mN counts as a **click**.
 - **Steps at 10× and 100×**: the same path computed with 10 and 100 times as many samples. If the force is
   continuous, its largest step shrinks to 0.1 and 0.01. A jump stays: 1.

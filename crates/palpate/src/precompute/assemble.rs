@@ -1,7 +1,7 @@
 //! The body that a record makes, from nothing but the record.
 
 use super::stops;
-use crate::record::Record;
+use crate::record::PathsRecord;
 use crate::spec::{Friction, Geometry, Spec};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
@@ -50,7 +50,7 @@ pub fn surface(spec: &Spec, mesh: &TriangleMesh) -> palpate_body::Result<Surface
 ///
 /// # Errors
 /// No point could be pressed in, or what was simulated makes no body.
-pub fn body(record: &Record) -> Result<Assembled> {
+pub fn body(record: &PathsRecord) -> Result<Assembled> {
     let name = Path::new(&record.plan.spec_name);
     let spec = Spec::parse(name, record.plan.spec.clone())?;
     let simulation = spec.simulation(name)?;
@@ -80,8 +80,8 @@ pub fn body(record: &Record) -> Result<Assembled> {
             vec![(0.0, FRICTION)]
         }
     };
-    let guide = Some(scene.guide_n_per_m.clone());
-    let options = PathOptions { friction, guide, ..PathOptions::default() };
+    let compliance_prior = Some(scene.guide_n_per_m.clone());
+    let options = PathOptions { friction, compliance_prior, ..PathOptions::default() };
     let fitted = fit_paths(&surface, &records, &options).map_err(|e| anyhow!("{}: {e}", name.display()))?;
     notes.extend(told.iter().take(TOLD).cloned());
     if told.len() > TOLD {
@@ -90,7 +90,7 @@ pub fn body(record: &Record) -> Result<Assembled> {
     notes.extend(fitted.fit.report.notes.iter().cloned());
     let body = Body::new(BodyParts {
         surface,
-        mixes: fitted.fit.mixes,
+        blends: fitted.fit.blends,
         responses: fitted.fit.responses,
         test_point_nodes: fitted.fit.test_point_nodes,
         coupled: None,
@@ -105,7 +105,7 @@ pub fn body(record: &Record) -> Result<Assembled> {
 }
 
 /// What is the same however the run was divided: no outputs, jobs, shards.
-fn provenance(record: &Record, notes: Vec<String>) -> Provenance {
+fn provenance(record: &PathsRecord, notes: Vec<String>) -> Provenance {
     let plan = &record.plan;
     let digest: String = Sha256::digest(plan.spec.as_bytes()).iter().map(|b| format!("{b:02x}")).collect();
     let mut inputs: BTreeMap<String, String> = plan.inputs.clone();
@@ -138,7 +138,7 @@ fn point_record(node: u32, inward: DVec3, paths: &PointPaths, point: &crate::rec
     }
 }
 
-/// What a run's or a merge's end is told as in JSON.
+/// The JSON report at the end of a run or a merge.
 #[derive(Debug, serde::Serialize)]
 pub struct Report {
     nodes: usize,
@@ -154,7 +154,7 @@ pub struct Report {
 
 impl Report {
     /// Of a record and its body.
-    pub fn new(record: &Record, assembled: Assembled) -> Self {
+    pub fn new(record: &PathsRecord, assembled: Assembled) -> Self {
         let Assembled { body, report, stops } = assembled;
         let (mut paths, mut states, mut newton_steps) = (0, 0, 0);
         for point in record.points.values().map(crate::record::Point::paths) {

@@ -1,7 +1,7 @@
 //! The solver of a run: finite elements.
 
 use super::prepare::Physics;
-use super::run::Solver;
+use super::run::PointSolver;
 use crate::record::TestPoint;
 use crate::spec::{self, Simulation, ToolShape};
 use anyhow::{Result, anyhow};
@@ -10,7 +10,7 @@ use palpate_body::import::{self, LengthUnit};
 use palpate_body::repair::{self, Options};
 use palpate_simulate::mesh::distance::SignedDistance;
 use palpate_simulate::tool::Shape;
-use palpate_simulate::{Contact, Fixed, Model, PointPaths, Tool};
+use palpate_simulate::{Contact, Fixed, Model, PointPaths, RigidTool};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -19,7 +19,7 @@ use std::sync::atomic::AtomicBool;
 #[derive(Debug)]
 pub struct Elements {
     model: Model,
-    tool: Tool,
+    tool: RigidTool,
     contact: Contact,
 }
 
@@ -41,7 +41,7 @@ impl Elements {
     }
 }
 
-impl Solver for Elements {
+impl PointSolver for Elements {
     fn simulate(&self, point: &TestPoint, cancelled: &AtomicBool) -> Option<PointPaths> {
         self.model.simulate(&self.tool, self.contact, &point.plan, cancelled)
     }
@@ -58,20 +58,20 @@ pub fn contact(simulation: &Simulation) -> Contact {
 /// The solver's tool.
 ///
 /// # Errors
-/// Its mesh can't be read or mended.
-pub fn tool(simulation: &Simulation) -> Result<Tool> {
+/// Its mesh can't be read or repaired.
+pub fn tool(simulation: &Simulation) -> Result<RigidTool> {
     Ok(match &simulation.tool {
         // Only bonded, where the patch moves whatever the tool is like.
-        ToolShape::Point => Tool::Sphere { radius_m: simulation.deflection.normal_max_m },
-        ToolShape::Sphere { radius_m } => Tool::Sphere { radius_m: *radius_m },
-        ToolShape::FlatPunch { radius_m } => Tool::flat_punch(*radius_m),
+        ToolShape::Point => RigidTool::Sphere { radius_m: simulation.deflection.normal_max_m },
+        ToolShape::Sphere { radius_m } => RigidTool::Sphere { radius_m: *radius_m },
+        ToolShape::FlatPunch { radius_m } => RigidTool::flat_punch(*radius_m),
         ToolShape::Cone { half_angle_rad, tip_radius_m } => {
-            Tool::Cone { half_angle_rad: *half_angle_rad, tip_radius_m: *tip_radius_m }
+            RigidTool::Cone { half_angle_rad: *half_angle_rad, tip_radius_m: *tip_radius_m }
         }
         ToolShape::Capsule { radius_m, length_m } => {
-            Tool::Capsule { radius_m: *radius_m, length_m: *length_m }
+            RigidTool::Capsule { radius_m: *radius_m, length_m: *length_m }
         }
-        ToolShape::Mesh { file, unit } => Tool::Other(Arc::new(MeshTool::read(file, *unit)?)),
+        ToolShape::Mesh { file, unit } => RigidTool::Other(Arc::new(MeshTool::read(file, *unit)?)),
     })
 }
 

@@ -5,7 +5,7 @@ use super::run::Prepared;
 use super::{assemble, volume};
 use crate::csv_table::Table;
 use crate::files;
-use crate::record::{Plan, Scene, TestPoint};
+use crate::record::{PathsPlan, Scene, TestPoint};
 use crate::spec::{
     Fixed, Geometry, Material, MaterialLaw, Place, Selection, Simulation, Spec, TestPoints, ToolShape, Volume,
 };
@@ -37,7 +37,7 @@ pub struct Physics {
 ///
 /// # Errors
 /// A file that the spec names can't be read.
-pub fn plan(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Plan> {
+pub fn plan(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<PathsPlan> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let mut inputs = BTreeMap::new();
     for file in inputs_of(spec, simulation) {
@@ -45,7 +45,7 @@ pub fn plan(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Plan> {
         inputs.insert(name, files::sha256(&file)?);
     }
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
-    Ok(Plan {
+    Ok(PathsPlan {
         software: concat!("palpate ", env!("CARGO_PKG_VERSION")).into(),
         spec_name: name,
         spec: spec.text.clone(),
@@ -156,9 +156,9 @@ pub fn prepare(
     };
     go_on("the stiffness's factorisation")?;
     let radius_m = super::volume::tool_radius(simulation)?;
-    let guide = guide(solver.model(), &surface, named, radius_m, cancelled);
+    let compliance_prior = compliance_prior(solver.model(), &surface, named, radius_m, cancelled);
     go_on("the search for the stiffness at rest")?;
-    let nodes = choose(simulation, &surface, &held, &guide, path, &mut notes)?;
+    let nodes = choose(simulation, &surface, &held, &compliance_prior, path, &mut notes)?;
     let points = nodes.into_iter().map(|node| TestPoint {
         node,
         plan: point_plan(
@@ -171,7 +171,7 @@ pub fn prepare(
     let index: HashMap<u32, u32> = boundary.nodes.iter().zip(0..).map(|(n, i)| (*n, i)).collect();
     let scene = Scene {
         surface: triangles,
-        guide_n_per_m: guide,
+        guide_n_per_m: compliance_prior,
         boundary_m: boundary.nodes.iter().map(|n| solver.model().mesh().positions[*n as usize]).collect(),
         faces: boundary.faces.iter().map(|face| face.map(|n| index[&n])).collect(),
         notes,
@@ -179,7 +179,7 @@ pub fn prepare(
     Ok(Prepared { scene, points, solver })
 }
 
-/// So few test points, named by the spec, need no guide between them.
+/// So few test points, named by the spec, need no compliance prior between them.
 const UNGUIDED: usize = 3;
 
 /// Places at which the stiffness at rest is found; between them it is interpolated.
@@ -189,7 +189,13 @@ const GUIDED: usize = 600;
 /// responses go with from place to place, and known everywhere for one substitution each.
 ///
 /// Of no use once `cancelled` is true.
-fn guide(model: &Model, surface: &Surface, points: usize, radius_m: f64, cancelled: &AtomicBool) -> Vec<f64> {
+fn compliance_prior(
+    model: &Model,
+    surface: &Surface,
+    points: usize,
+    radius_m: f64,
+    cancelled: &AtomicBool,
+) -> Vec<f64> {
     let positions = surface.positions();
     if points <= UNGUIDED {
         return vec![1.0; positions.len()];
@@ -312,11 +318,11 @@ fn no_group(place: &str, name: &str, mesh: &TetMesh) -> anyhow::Error {
     names.extend(mesh.region_names.iter().map(String::as_str).filter(|n| !n.is_empty()));
     names.sort_unstable();
     names.dedup();
-    let mend = match names.len() {
+    let hint = match names.len() {
         0 => "it has none: give half_space or box_mm".to_string(),
         _ => format!("it has {}", names.join(", ")),
     };
-    anyhow!("{place}: the mesh has no group `{}`; {mend}", name.escape_debug())
+    anyhow!("{place}: the mesh has no group `{}`; {hint}", name.escape_debug())
 }
 
 /// A point in a list of nodes.
@@ -444,7 +450,7 @@ fn choose(
     simulation: &Simulation,
     surface: &Surface,
     held: &[bool],
-    guide: &[f64],
+    compliance_prior: &[f64],
     path: &Path,
     notes: &mut Vec<String>,
 ) -> Result<Vec<u32>> {
@@ -470,7 +476,7 @@ fn choose(
         TestPoints::Spacing(spacing) => Amount::Spacing(*spacing),
         TestPoints::At(points) => return named_points(points, surface, held, path, notes),
     };
-    test_points(surface, &touchable, amount, Some(guide))
+    test_points(surface, &touchable, amount, Some(compliance_prior))
         .map_err(|e| anyhow!("{}: [test_points]: {e}", path.display()))
 }
 

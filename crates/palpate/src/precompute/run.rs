@@ -8,7 +8,7 @@ use super::progress::Progress;
 use super::stops;
 use super::workspace::Workspace;
 use crate::console;
-use crate::record::{Plan, Point, Record, Scene, TestPoint};
+use crate::record::{PathsPlan, PathsRecord, Point, Scene, TestPoint};
 use anyhow::{Result, anyhow, bail};
 use palpate_simulate::PointPaths;
 use std::collections::BTreeMap;
@@ -17,7 +17,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 /// What finds a test point's load paths.
-pub trait Solver: Sync {
+pub trait PointSolver: Sync {
     /// The same for the same point, whatever runs beside; `None` if `cancelled` came true meanwhile.
     fn simulate(&self, point: &TestPoint, cancelled: &AtomicBool) -> Option<PointPaths>;
 }
@@ -93,12 +93,12 @@ impl<E: Into<anyhow::Error>> From<E> for Stopped {
 ///
 /// # Errors
 /// See [`Stopped`]. Whatever was finished is kept.
-pub fn run<S: Solver>(
-    plan: &Plan,
+pub fn run<S: PointSolver>(
+    plan: &PathsPlan,
     options: &Options,
     prepare: impl FnOnce() -> Result<Prepared<S>>,
     cancelled: &AtomicBool,
-) -> Result<(Record, Workspace), Stopped> {
+) -> Result<(PathsRecord, Workspace), Stopped> {
     let workspace = Workspace::open(plan, options)?;
     let prepared = prepare()?;
     let total = prepared.points.len() as u32;
@@ -121,21 +121,21 @@ pub fn run<S: Solver>(
     if points.len() < mine.len() {
         return Err(Stopped::Cancelled { done: points.len(), of: mine.len() });
     }
-    let record = Record { plan: plan.clone(), total, scene: Some(prepared.scene), points };
+    let record = PathsRecord { plan: plan.clone(), total, scene: Some(prepared.scene), points };
     record.save(&options.record)?;
     Ok((record, workspace))
 }
 
 /// Who does it.
 struct Crew<'a, S> {
-    plan: &'a Plan,
+    plan: &'a PathsPlan,
     workspace: &'a Workspace,
     prepared: &'a Prepared<S>,
     jobs: usize,
     cancelled: &'a AtomicBool,
 }
 
-impl<S: Solver> Crew<'_, S> {
+impl<S: PointSolver> Crew<'_, S> {
     /// Finds the paths of `todo`, as far as it gets, and keeps each point's record.
     fn simulate(&self, todo: &[u32], before: usize) -> Result<BTreeMap<u32, Point>> {
         let jobs = self.jobs.clamp(1, todo.len().max(1));
@@ -189,11 +189,11 @@ impl<S: Solver> Crew<'_, S> {
 ///
 /// # Errors
 /// A file can't be read; shards of different plans; a point missing, or in two of them.
-pub fn merge(shards: &[PathBuf]) -> Result<Record> {
-    let mut whole: Option<(Record, &Path)> = None;
+pub fn merge(shards: &[PathBuf]) -> Result<PathsRecord> {
+    let mut whole: Option<(PathsRecord, &Path)> = None;
     let mut origin: BTreeMap<u32, &Path> = BTreeMap::new();
     for path in shards {
-        let record = Record::open(path)?;
+        let record = PathsRecord::open(path)?;
         if record.scene.is_none() {
             bail!("{}: it is one point of a run under way; give the shards' outputs", path.display());
         }

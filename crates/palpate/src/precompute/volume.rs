@@ -26,14 +26,14 @@ pub struct Source {
     pub tolerance_m: f64,
     /// Whether the surface has nodes of its own, which are not the mesh's.
     pub of_surface: bool,
-    /// What was mended or assumed.
+    /// What was repaired or assumed.
     pub notes: Vec<String>,
 }
 
 /// Reads or makes both.
 ///
 /// # Errors
-/// A mesh that can't be read, mended or filled.
+/// A mesh that can't be read, repaired or filled.
 pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Source> {
     let mut notes = Vec::new();
     let (triangles, (mesh, report), size) = match &spec.geometry {
@@ -123,9 +123,9 @@ fn options(
     let sizes = simulation.mesh;
     let tool = tool_radius(simulation)?;
     if !(tool.is_finite() && tool > 0.0 && volume.is_finite() && volume > 0.0) {
-        let mend = "give a tool and a surface that enclose a volume";
+        let hint = "give a tool and a surface that enclose a volume";
         bail!(
-            "{}: the tool or the body is flat ({:.3} mm, {volume:.3e} m³); {mend}",
+            "{}: the tool or the body is flat ({:.3} mm, {volume:.3e} m³); {hint}",
             path.display(),
             tool * 1e3
         );

@@ -1,7 +1,7 @@
 //! The folder of a run that is under way: finished points, the plan they belong to, and a lock.
 
 use super::run::Options;
-use crate::record::{Plan, Point, Record, TestPoint};
+use crate::record::{PathsPlan, PathsRecord, Point, TestPoint};
 use crate::{console, files};
 use anyhow::{Result, anyhow, bail};
 use std::collections::BTreeMap;
@@ -27,7 +27,7 @@ impl Workspace {
     ///
     /// # Errors
     /// It can't be made, another run is at work on it, or what is in it is of another plan or not asked for.
-    pub fn open(plan: &Plan, options: &Options) -> Result<Self> {
+    pub fn open(plan: &PathsPlan, options: &Options) -> Result<Self> {
         let folder = &options.partial;
         files::check_target(&options.record)?;
         match std::fs::create_dir(folder) {
@@ -51,7 +51,7 @@ impl Workspace {
             );
         }
         let place = folder.join(PLAN);
-        let old: Plan = files::read_text(&place).and_then(|text| {
+        let old: PathsPlan = files::read_text(&place).and_then(|text| {
             serde_json::from_str(&text).map_err(|e| {
                 anyhow!("{}: it is damaged ({e}); delete {} to begin anew", place.display(), folder.display())
             })
@@ -74,7 +74,7 @@ impl Workspace {
         }
     }
 
-    fn write_plan(&self, plan: &Plan) -> Result<()> {
+    fn write_plan(&self, plan: &PathsPlan) -> Result<()> {
         files::replace(&self.folder.join(PLAN), |out| {
             serde_json::to_writer_pretty(&mut *out, plan)?;
             Ok(out.write_all(b"\n")?)
@@ -97,22 +97,22 @@ impl Workspace {
     ///
     /// # Errors
     /// The folder can't be written, or has no room.
-    pub fn keep(&self, plan: &Plan, total: u32, point: Point) -> Result<Point> {
+    pub fn keep(&self, plan: &PathsPlan, total: u32, point: Point) -> Result<Point> {
         let (index, path) = (point.index(), self.folder.join(format!("{:06}.paths", point.index())));
-        let record = Record { plan: plan.clone(), total, scene: None, points: [(index, point)].into() };
+        let record = PathsRecord { plan: plan.clone(), total, scene: None, points: [(index, point)].into() };
         record.save(&path)?;
         // What can't be read back is not finished.
-        let mut record = Record::open(&path)?;
+        let mut record = PathsRecord::open(&path)?;
         record.points.remove(&index).ok_or_else(|| anyhow!("{}: it can't be read back", path.display()))
     }
 
-    /// The points that need not be simulated again. Damaged ones are told of, and left out.
+    /// The points that need not be simulated again. Damaged ones are reported, and left out.
     ///
     /// # Errors
     /// The folder can't be read.
     pub fn finished(
         &self,
-        plan: &Plan,
+        plan: &PathsPlan,
         points: &[TestPoint],
         options: &Options,
     ) -> Result<BTreeMap<u32, Point>> {
@@ -121,10 +121,10 @@ impl Workspace {
             return Ok(finished);
         }
         // The whole record is there if the run was broken at its very end.
-        let whole = options.record.is_file().then(|| Record::open(&options.record).ok()).flatten();
+        let whole = options.record.is_file().then(|| PathsRecord::open(&options.record).ok()).flatten();
         let whole = whole.filter(|r| r.plan == *plan);
         let records = self.records()?.into_iter().filter_map(|path| {
-            let again = match Record::open(&path) {
+            let again = match PathsRecord::open(&path) {
                 Ok(record) if record.plan == *plan => return Some(record),
                 Ok(_) => format!("{}: it belongs to another run", path.display()),
                 Err(e) => e.to_string(),

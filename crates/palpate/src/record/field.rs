@@ -39,7 +39,7 @@ pub fn compress(states: &[&State], nodes: usize) -> Vec<u8> {
 pub fn expand(bytes: &[u8], units_m: &[f64], nodes: usize) -> Option<Vec<Vec<[f32; 3]>>> {
     let count = nodes.checked_mul(3)?;
     let length = count.checked_mul(2)?.checked_mul(units_m.len())?;
-    // Deflate reaches 1 : 1032. What claims more is not believed, and no memory is asked for.
+    // Deflate reaches 1 : 1032. What claims more is rejected, and no memory is asked for.
     if length / 1040 > bytes.len() {
         return None;
     }

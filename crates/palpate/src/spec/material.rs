@@ -11,15 +11,15 @@ use toml::Spanned;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Material {
     /// How it resists a change of shape.
-    pub law: Law,
+    pub law: MaterialLaw,
     /// How it resists a change of volume.
     pub volume: Volume,
 }
 
 /// The stored energy; I₁, I₂, λᵢ are those of the deformation without its change of volume, but for
-/// [`Law::NeoHookean`], [`Law::StVenantKirchhoff`] and [`Law::Linear`].
+/// [`MaterialLaw::NeoHookean`], [`MaterialLaw::StVenantKirchhoff`] and [`MaterialLaw::Linear`].
 #[derive(Debug, Clone, PartialEq)]
-pub enum Law {
+pub enum MaterialLaw {
     /// μ/2 (I₁ − 3) − μ ln J + λ/2 (ln J)².
     NeoHookean {
         /// E, Pa.
@@ -86,18 +86,18 @@ impl Material {
     /// μ at rest, Pa.
     pub fn shear_modulus_pa(&self) -> f64 {
         match &self.law {
-            Law::NeoHookean { young_modulus_pa: e }
-            | Law::NeoHookeanIsochoric { young_modulus_pa: e }
-            | Law::StVenantKirchhoff { young_modulus_pa: e }
-            | Law::Linear { young_modulus_pa: e } => match self.volume {
+            MaterialLaw::NeoHookean { young_modulus_pa: e }
+            | MaterialLaw::NeoHookeanIsochoric { young_modulus_pa: e }
+            | MaterialLaw::StVenantKirchhoff { young_modulus_pa: e }
+            | MaterialLaw::Linear { young_modulus_pa: e } => match self.volume {
                 Volume::PoissonRatio(nu) => e / (2.0 * (1.0 + nu)),
                 Volume::BulkModulus(k) => 3.0 * k * e / (9.0 * k - e),
             },
-            Law::MooneyRivlin { c10_pa, c01_pa } => 2.0 * (c10_pa + c01_pa),
-            Law::Ogden { terms } => terms.iter().map(|[mu, _]| mu).sum(),
-            Law::Yeoh { c_pa } => 2.0 * c_pa.first().copied().unwrap_or_default(),
-            Law::FungDemiray { mu_pa, .. } => *mu_pa,
-            Law::VerondaWestmann { c1_pa, c3 } => c1_pa * c3,
+            MaterialLaw::MooneyRivlin { c10_pa, c01_pa } => 2.0 * (c10_pa + c01_pa),
+            MaterialLaw::Ogden { terms } => terms.iter().map(|[mu, _]| mu).sum(),
+            MaterialLaw::Yeoh { c_pa } => 2.0 * c_pa.first().copied().unwrap_or_default(),
+            MaterialLaw::FungDemiray { mu_pa, .. } => *mu_pa,
+            MaterialLaw::VerondaWestmann { c1_pa, c3 } => c1_pa * c3,
         }
     }
 
@@ -203,8 +203,8 @@ pub fn material(source: &Source, table: &str, raw: &Spanned<RawMaterial>) -> Res
         match span {
             Some(span) if !fits => {
                 let problem = format!("{name} has no {key}");
-                let mend = format!("remove it; {name} takes {}", needs.join(", "));
-                return Err(source.error(span, &problem, &mend));
+                let hint = format!("remove it; {name} takes {}", needs.join(", "));
+                return Err(source.error(span, &problem, &hint));
             }
             None if needs.contains(&key) => {
                 let problem = format!("{key} is missing: {name} needs it");
@@ -240,25 +240,26 @@ pub fn material(source: &Source, table: &str, raw: &Spanned<RawMaterial>) -> Res
         "neo-hookean" => {
             let form = m.form.as_ref().map_or("compressible", |f| f.get_ref().as_str());
             match (form, &m.form) {
-                ("isochoric", _) => Law::NeoHookeanIsochoric { young_modulus_pa: young()? },
+                ("isochoric", _) => MaterialLaw::NeoHookeanIsochoric { young_modulus_pa: young()? },
                 (other, Some(form)) if other != "compressible" => {
                     let problem = format!("neo-hookean has no form `{}`", other.escape_debug());
-                    let mend = "give form = \"compressible\" or \"isochoric\"";
-                    return Err(source.error(form.span(), &problem, mend));
+                    let hint = "give form = \"compressible\" or \"isochoric\"";
+                    return Err(source.error(form.span(), &problem, hint));
                 }
-                _ => Law::NeoHookean { young_modulus_pa: young()? },
+                _ => MaterialLaw::NeoHookean { young_modulus_pa: young()? },
             }
         }
-        "st-venant-kirchhoff" => Law::StVenantKirchhoff { young_modulus_pa: young()? },
-        "linear" => Law::Linear { young_modulus_pa: young()? },
-        "mooney-rivlin" => Law::MooneyRivlin {
+        "st-venant-kirchhoff" => MaterialLaw::StVenantKirchhoff { young_modulus_pa: young()? },
+        "linear" => MaterialLaw::Linear { young_modulus_pa: young()? },
+        "mooney-rivlin" => MaterialLaw::MooneyRivlin {
             c10_pa: number(&m.c10_pa, "c10_pa", -1e12..=1e12)?,
             c01_pa: number(&m.c01_pa, "c01_pa", -1e12..=1e12)?,
         },
-        "fung-demiray" => {
-            Law::FungDemiray { mu_pa: number(&m.mu_pa, "mu_pa", MODULI)?, b: number(&m.b, "b", 1e-6..=1e3)? }
-        }
-        "veronda-westmann" => Law::VerondaWestmann {
+        "fung-demiray" => MaterialLaw::FungDemiray {
+            mu_pa: number(&m.mu_pa, "mu_pa", MODULI)?,
+            b: number(&m.b, "b", 1e-6..=1e3)?,
+        },
+        "veronda-westmann" => MaterialLaw::VerondaWestmann {
             c1_pa: number(&m.c1_pa, "c1_pa", MODULI)?,
             c3: number(&m.c3, "c3", 1e-6..=1e3)?,
         },
@@ -270,8 +271,8 @@ pub fn material(source: &Source, table: &str, raw: &Spanned<RawMaterial>) -> Res
     Ok(material)
 }
 
-fn ogden(source: &Source, m: &RawMaterial) -> Result<Law> {
-    let Some(terms) = &m.terms else { return Ok(Law::Ogden { terms: Vec::new() }) };
+fn ogden(source: &Source, m: &RawMaterial) -> Result<MaterialLaw> {
+    let Some(terms) = &m.terms else { return Ok(MaterialLaw::Ogden { terms: Vec::new() }) };
     let rows = terms.get_ref();
     if rows.is_empty() || rows.len() > 8 {
         let problem = format!("terms has {} rows", rows.len());
@@ -287,17 +288,17 @@ fn ogden(source: &Source, m: &RawMaterial) -> Result<Law> {
             ));
         }
     }
-    Ok(Law::Ogden { terms: rows.iter().map(|row| row.0).collect() })
+    Ok(MaterialLaw::Ogden { terms: rows.iter().map(|row| row.0).collect() })
 }
 
-fn yeoh(source: &Source, m: &RawMaterial) -> Result<Law> {
-    let Some(c) = &m.c_pa else { return Ok(Law::Yeoh { c_pa: Vec::new() }) };
+fn yeoh(source: &Source, m: &RawMaterial) -> Result<MaterialLaw> {
+    let Some(c) = &m.c_pa else { return Ok(MaterialLaw::Yeoh { c_pa: Vec::new() }) };
     let values = c.get_ref();
     if values.is_empty() || values.len() > 6 || values.iter().any(|c| c.is_nan() || c.abs() > 1e12) {
         let problem = format!("c_pa is {values:?}");
         return Err(source.error(c.span(), &problem, "give 1 to 6 finite numbers"));
     }
-    Ok(Law::Yeoh { c_pa: values.clone() })
+    Ok(MaterialLaw::Yeoh { c_pa: values.clone() })
 }
 
 /// At rest a body must resist every change, and its Poisson ratio must be one that is solved.

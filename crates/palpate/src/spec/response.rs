@@ -2,7 +2,7 @@
 
 use super::source::Source;
 use super::{Deflection, Friction};
-use crate::law::{Law, Variation};
+use crate::law::{AnalyticLaw, Variation};
 use anyhow::Result;
 use palpate_body::SlipRule;
 use serde::Deserialize;
@@ -115,7 +115,7 @@ pub fn slip(source: &Source, raw: &RawSlip) -> Result<SlipRule> {
     })
 }
 
-pub fn law(source: &Source, raw: &RawResponse) -> Result<Law> {
+pub fn law(source: &Source, raw: &RawResponse) -> Result<AnalyticLaw> {
     let stiffness = |value, key| source.within(value, key, 1e-3..=1e9);
     // 1 itself would make the stiffness vanish somewhere.
     let share = |value: &Option<Spanned<f64>>, key| {
@@ -127,8 +127,8 @@ pub fn law(source: &Source, raw: &RawResponse) -> Result<Law> {
         }
         "uniform" => {
             if let Some(extra) = raw.around.as_ref().or(raw.along.as_ref()) {
-                let mend = "remove it, or say law = \"paper-cylinder\"";
-                return Err(source.error(extra.span(), "the uniform law does not vary", mend));
+                let hint = "remove it, or say law = \"paper-cylinder\"";
+                return Err(source.error(extra.span(), "the uniform law does not vary", hint));
             }
             Variation::default()
         }
@@ -137,7 +137,7 @@ pub fn law(source: &Source, raw: &RawResponse) -> Result<Law> {
             return Err(source.error(raw.law.span(), &problem, "give \"paper-cylinder\" or \"uniform\""));
         }
     };
-    Ok(Law {
+    Ok(AnalyticLaw {
         normal_n_per_m: stiffness(&raw.stiffness_n_per_m, "stiffness_n_per_m")?,
         lateral_n_per_m: stiffness(&raw.lateral_stiffness_n_per_m, "lateral_stiffness_n_per_m")?,
         variation,

@@ -203,7 +203,7 @@ impl Spec {
     pub fn simulation(&self, path: &Path) -> Result<Simulation> {
         let source = Source { path, text: &self.text };
         let raw: Raw = toml::from_str(&self.text).map_err(|e| source.syntax(&e))?;
-        let missing = |what: &str, mend: &str| anyhow!("{}: {what} is missing; {mend}", path.display());
+        let missing = |what: &str, hint: &str| anyhow!("{}: {what} is missing; {hint}", path.display());
         if let Some(response) = &raw.response {
             let problem = "[response] is a law instead of a simulation";
             return Err(source.error(response.span(), problem, "remove it, or use `palpate fit`"));
@@ -268,8 +268,8 @@ fn vector(source: &Source, span: Range<usize>, key: &str, v: [f64; 3]) -> Result
     if v.iter().all(|x| x.abs() <= MAX_COORDINATE_MM) {
         return Ok(DVec3::from_array(v) / 1e3);
     }
-    let mend = format!("give finite numbers, {MAX_COORDINATE_MM} at most");
-    Err(source.error(span, &format!("{key} is {v:?}"), &mend))
+    let hint = format!("give finite numbers, {MAX_COORDINATE_MM} at most");
+    Err(source.error(span, &format!("{key} is {v:?}"), &hint))
 }
 
 fn box_of(source: &Source, corners: &Spanned<Row<2, Row<3>>>) -> Result<Place> {
@@ -439,9 +439,9 @@ fn depths(source: &Source, raw: &RawDeflection, deflection: Deflection) -> Resul
     let within = list.iter().all(|d| *d >= 1e-6 && *d <= end * (1.0 + 1e-12));
     if list.is_empty() || list.len() > 32 || !ascend || !within {
         let problem = format!("lateral_depths_mm is {:?}", given.get_ref());
-        let mend =
+        let hint =
             format!("give up to 32 depths, ascending, above 0 and at most normal_max_mm ({})", end * 1e3);
-        return Err(source.error(given.span(), &problem, &mend));
+        return Err(source.error(given.span(), &problem, &hint));
     }
     // A depth that is a step already, or all but one, is that step.
     let near = |depths: &[f64], d: f64| depths.iter().position(|s| (s - d).abs() <= 1e-3 * end);
@@ -479,8 +479,8 @@ fn test_points(source: &Source, raw: &Spanned<RawTestPoints>) -> Result<TestPoin
             Ok(n) if (1..=MAX_COUNT).contains(&n) => given.push(TestPoints::Count(n)),
             _ => {
                 let problem = format!("count is {}", count.get_ref());
-                let mend = format!("give a number between 1 and {MAX_COUNT}");
-                return Err(source.error(count.span(), &problem, &mend));
+                let hint = format!("give a number between 1 and {MAX_COUNT}");
+                return Err(source.error(count.span(), &problem, &hint));
             }
         }
     }
@@ -489,8 +489,8 @@ fn test_points(source: &Source, raw: &Spanned<RawTestPoints>) -> Result<TestPoin
     }
     if let Some(at) = &t.at_mm {
         if at.get_ref().is_empty() || at.get_ref().len() > MAX_COUNT as usize {
-            let mend = format!("give 1 to {MAX_COUNT} points [x, y, z]");
-            return Err(source.error(at.span(), &format!("at_mm has {} points", at.get_ref().len()), &mend));
+            let hint = format!("give 1 to {MAX_COUNT} points [x, y, z]");
+            return Err(source.error(at.span(), &format!("at_mm has {} points", at.get_ref().len()), &hint));
         }
         let points = at.get_ref().iter().map(|p| vector(source, at.span(), "a point of at_mm", p.0));
         given.push(TestPoints::At(points.collect::<Result<_>>()?));

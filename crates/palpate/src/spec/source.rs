@@ -1,4 +1,4 @@
-//! Complaints about a spec: file, line, problem, mend.
+//! Complaints about a spec: file, line, problem, hint.
 
 use anyhow::{Result, anyhow};
 use std::ops::{Range, RangeInclusive};
@@ -54,8 +54,8 @@ impl Source<'_> {
     }
 
     /// A complaint about a value.
-    pub fn error(&self, span: Range<usize>, problem: &str, mend: &str) -> anyhow::Error {
-        anyhow!("{}: {problem}; {mend}", self.place(span))
+    pub fn error(&self, span: Range<usize>, problem: &str, hint: &str) -> anyhow::Error {
+        anyhow!("{}: {problem}; {hint}", self.place(span))
     }
 
     /// The value, if it lies within `range`; a number that is none does not.
@@ -70,10 +70,10 @@ impl Source<'_> {
         }
     }
 
-    /// The parser's complaint, with a mend.
+    /// The parser's complaint, with a hint.
     pub fn syntax(&self, error: &toml::de::Error) -> anyhow::Error {
         let message = error.message().lines().map(str::trim).collect::<Vec<_>>().join(", ");
-        let mend = if message.starts_with("unknown field") {
+        let hint = if message.starts_with("unknown field") {
             "correct the key's spelling and unit, or remove it"
         } else if message.starts_with("missing field") {
             "add it to this table"
@@ -86,8 +86,8 @@ impl Source<'_> {
             "correct the TOML there"
         };
         match error.span() {
-            Some(span) => self.error(span, &message, mend),
-            None => anyhow!("{}: {message}; {mend}", self.path.display()),
+            Some(span) => self.error(span, &message, hint),
+            None => anyhow!("{}: {message}; {hint}", self.path.display()),
         }
     }
 }

@@ -115,9 +115,9 @@ pub fn tool(source: &Source, raw: &Spanned<RawTool>) -> Result<ToolShape> {
         "mesh" => &["file", "unit"],
         other => {
             let problem = format!("this version has no tool `{}`", other.escape_debug());
-            let mend =
+            let hint =
                 "give shape = \"point\", \"sphere\", \"flat-punch\", \"cone\", \"capsule\" or \"mesh\"";
-            return Err(source.error(tool.shape.span(), &problem, mend));
+            return Err(source.error(tool.shape.span(), &problem, hint));
         }
     };
     for (key, span) in tool.given() {
@@ -164,17 +164,17 @@ pub fn contact(source: &Source, raw: &Spanned<RawTool>, shape: &ToolShape) -> Re
     match given.map_or("frictionless", |c| c.get_ref().as_str()) {
         "frictionless" => {
             if let Some(patch) = patch {
-                let mend = "remove patch_radius_mm, or say contact = \"bonded\"";
+                let hint = "remove patch_radius_mm, or say contact = \"bonded\"";
                 return Err(source.error(
                     patch.span(),
                     "a frictionless contact finds its patch itself",
-                    mend,
+                    hint,
                 ));
             }
             if *shape == ToolShape::Point {
                 let problem = "a point's force on a body without friction is not defined";
-                let mend = "give the tool an extent (shape = \"sphere\"), or contact = \"bonded\" with patch_radius_mm";
-                return Err(source.error(tool.shape.span(), problem, mend));
+                let hint = "give the tool an extent (shape = \"sphere\"), or contact = \"bonded\" with patch_radius_mm";
+                return Err(source.error(tool.shape.span(), problem, hint));
             }
             Ok(Contact::Frictionless)
         }

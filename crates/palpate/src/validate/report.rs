@@ -107,7 +107,7 @@ impl Validation {
         };
         LineChart {
             title: format!(
-                "The path of {name} error: {:.2} mm deep, then {:.2} mm aside",
+                "The path of {name} error: {:.2} mm deep, then {:.2} mm laterally",
                 path.depth_m * 1e3,
                 path.distance_m * 1e3
             ),

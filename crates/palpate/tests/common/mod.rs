@@ -27,14 +27,14 @@ lateral_stiffness_n_per_m = 500
 }
 
 /// The folder, with `block.body`.
-pub struct Desk(tempfile::TempDir);
+pub struct TestDirectory(tempfile::TempDir);
 
-impl Desk {
+impl TestDirectory {
     pub fn new(edge_mm: u32) -> Self {
-        let desk = Desk(tempfile::tempdir().unwrap());
-        desk.write("spec.toml", &spec(edge_mm));
-        desk.done("fit --spec spec.toml -o block.body");
-        desk
+        let directory = TestDirectory(tempfile::tempdir().unwrap());
+        directory.write("spec.toml", &spec(edge_mm));
+        directory.done("fit --spec spec.toml -o block.body");
+        directory
     }
 
     pub fn path(&self, name: &str) -> PathBuf {

@@ -45,7 +45,7 @@ impl Content {
             return Err(SimulateError::invalid(
                 place(),
                 problem,
-                "mend the coordinate, or export the mesh again",
+                "correct the coordinate, or export the mesh again",
             ));
         }
         if self.positions.len() >= u32::MAX as usize / 2 {
@@ -266,7 +266,7 @@ fn groups(
     groups
 }
 
-/// Turns quadratic elements back if the file has them all inside out.
+/// Turns quadratic elements back if the file has them all inverted.
 fn turn_back(positions: &[DVec3], elements: &mut [[u32; 10]]) -> Result<()> {
     let volume = |e: &[u32; 10]| {
         let [a, b, c, d] = std::array::from_fn(|i| positions[e[i] as usize]);
@@ -284,7 +284,7 @@ fn turn_back(positions: &[DVec3], elements: &mut [[u32; 10]]) -> Result<()> {
         let p = positions[elements[e][0] as usize] * 1e3;
         return Err(SimulateError::invalid(
             format!("element {e} (from 0) at ({:.3}, {:.3}, {:.3}) mm", p.x, p.y, p.z),
-            format!("it is turned inside out, as are {inside_out} of {}", elements.len()),
+            format!("it is inverted, as are {inside_out} of {}", elements.len()),
             "mesh it again, or make it linear (Gmsh: SetOrder 1)",
         ));
     }

@@ -207,8 +207,8 @@ impl File<'_> {
             4.1 => Version::Four,
             _ => {
                 let problem = format!("MSH version {} is not read", short(version));
-                let mend = "convert it: gmsh OLD.msh -save -format msh41 -o NEW.msh";
-                return Err(SimulateError::invalid(place, problem, mend));
+                let hint = "convert it: gmsh OLD.msh -save -format msh41 -o NEW.msh";
+                return Err(SimulateError::invalid(place, problem, hint));
             }
         });
         if kind != 0.0 && kind != 1.0 || size != 4.0 && size != 8.0 {
@@ -227,8 +227,8 @@ impl File<'_> {
                 [0, 0, 0, 1] => true,
                 other => {
                     let problem = format!("the bytes {other:?} are no 1 in either order");
-                    let mend = "copy the file in binary mode, or save the mesh as text (without gmsh -bin)";
-                    return Err(SimulateError::invalid(self.place(), problem, mend));
+                    let hint = "copy the file in binary mode, or save the mesh as text (without gmsh -bin)";
+                    return Err(SimulateError::invalid(self.place(), problem, hint));
                 }
             };
         }
@@ -253,7 +253,7 @@ impl File<'_> {
             let (dimension, tag) = (head.word(), head.word());
             let (Some(dimension), Some(tag), Some(name)) = (dimension, tag, name) else {
                 let problem = format!("{} is no dimension, number, and name in quotes", quote(line));
-                return Err(SimulateError::invalid(place(), problem, "mend the line"));
+                return Err(SimulateError::invalid(place(), problem, "correct the line"));
             };
             let (dimension, tag) = (number(dimension, place)?, number(tag, place)?);
             let text = std::str::from_utf8(name).ok().filter(|n| !n.contains(char::is_control));
@@ -293,8 +293,8 @@ impl File<'_> {
                     let names: Vec<String> = names.map(|n| quote(n.as_bytes())).collect();
                     let (count, names) = (physical.len(), names.join(", "));
                     let problem = format!("a volume belongs to {count} physical groups: {names}");
-                    let mend = "leave it in one: each element has one material";
-                    return Err(SimulateError::invalid(self.place(), problem, mend));
+                    let hint = "leave it in one: each element has one material";
+                    return Err(SimulateError::invalid(self.place(), problem, hint));
                 }
                 self.entities.insert((dimension, tag), physical);
             }
@@ -441,7 +441,7 @@ impl File<'_> {
                 SimulateError::invalid(
                     place.to_string(),
                     format!("there is no node {}", short(tag)),
-                    "mend the node, or export the mesh again",
+                    "correct the node, or export the mesh again",
                 )
             })?;
         }
@@ -498,7 +498,7 @@ impl File<'_> {
 
     fn bad_row(&self, what: &str, expected: usize) -> SimulateError {
         let problem = format!("{} numbers, but {expected} are expected: {what}", self.row.len());
-        SimulateError::invalid(self.row_place(), problem, "mend the line, or export the mesh again")
+        SimulateError::invalid(self.row_place(), problem, "correct the line, or export the mesh again")
     }
 
     fn as_announced(&self, place: String, announced: usize, found: usize, what: &str) -> Result<()> {

@@ -43,7 +43,11 @@ impl<'a> Lines<'a> {
         }
         if self.row.len() < at_least {
             let problem = format!("{} numbers, but {what} has {at_least}", self.row.len());
-            return Err(SimulateError::invalid(self.place(), problem, "mend the line, or run TetGen again"));
+            return Err(SimulateError::invalid(
+                self.place(),
+                problem,
+                "correct the line, or run TetGen again",
+            ));
         }
         Ok(())
     }
@@ -56,7 +60,7 @@ impl<'a> Lines<'a> {
             return Ok(value as usize);
         }
         let problem = format!("{} {what} are announced, which the file can't hold", short(value));
-        Err(SimulateError::invalid(self.place(), problem, "mend the heading, or run TetGen again"))
+        Err(SimulateError::invalid(self.place(), problem, "correct the heading, or run TetGen again"))
     }
 }
 
@@ -132,7 +136,7 @@ pub(super) fn elements(bytes: &[u8], (mut content, first_node): (Content, usize)
         let region = if attributes > 0 { lines.row[1 + size] } else { NO_REGION };
         if attributes > 0 && !region.is_finite() {
             let problem = format!("the region is {region}, not a finite number");
-            return Err(SimulateError::invalid(place(), problem, "mend it, or run TetGen again"));
+            return Err(SimulateError::invalid(place(), problem, "correct it, or run TetGen again"));
         }
         let nodes = if size == 4 { nodes } else { FROM_TETGEN.map(|i| nodes[i]) };
         content.tetrahedron(&nodes[..size], region, place)?;

@@ -44,8 +44,8 @@ pub(super) fn parse(name: &Path, bytes: &[u8]) -> Result<Option<Content>> {
             None => NO_REGION,
             Some(x) if !x.is_finite() => {
                 let problem = format!("its `{array}` is {x}, not a finite number");
-                let mend = "mend the array, or save the mesh without it";
-                return Err(SimulateError::invalid(place(), problem, mend));
+                let hint = "correct the array, or save the mesh without it";
+                return Err(SimulateError::invalid(place(), problem, hint));
             }
             // Adding 0 makes -0 and 0 one.
             Some(x) => x + 0.0,

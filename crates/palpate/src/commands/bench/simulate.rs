@@ -1,7 +1,7 @@
 //! `palpate bench --simulate`.
 
 use super::Failure;
-use crate::bench::reference::{Direction, Outcome, Part, Plan, Reference};
+use crate::bench::reference::{Direction, Outcome, Part, Reference, ReferencePlan};
 use crate::bench::{Spent, Stopwatch};
 use crate::console;
 use anyhow::{Result, anyhow, bail};
@@ -107,8 +107,8 @@ impl Options {
             (Law::StVenantKirchhoff, None) => Material::st_venant_kirchhoff(young, poisson),
         };
         material.map_err(|error| match error {
-            SimulateError::Invalid { place, problem, mend, .. } => {
-                anyhow!("--{}: {problem}; {mend}", place.replace('_', "-"))
+            SimulateError::Invalid { place, problem, hint, .. } => {
+                anyhow!("--{}: {problem}; {hint}", place.replace('_', "-"))
             }
             other => other.into(),
         })
@@ -123,7 +123,7 @@ impl Options {
         }
     }
 
-    fn plan(&self, steps: usize) -> Result<Plan> {
+    fn plan(&self, steps: usize) -> Result<ReferencePlan> {
         for (name, count) in [("--steps", steps), ("--drag-steps", self.drag_steps)] {
             if !(1..=10_000).contains(&count) {
                 bail!("{name} {count}: give a number between 1 and 10000");
@@ -135,7 +135,7 @@ impl Options {
         if !(-1e3..=1e3).contains(&self.drag_mm) {
             bail!("--drag-mm {}: give a number between -1000 and 1000", self.drag_mm);
         }
-        Ok(Plan {
+        Ok(ReferencePlan {
             depth_m: self.depth_mm * 1e-3,
             steps,
             drag_m: self.drag_mm * 1e-3,

@@ -8,23 +8,23 @@ const NONE: u32 = u32::MAX;
 
 /// A set of numbers, ascending. Filled again and again, it keeps its memory.
 #[derive(Debug, Default)]
-pub(crate) struct Ranks {
+pub(crate) struct IndexMap {
     list: Vec<u32>,
     /// Ranks from the least number on; empty where the numbers lie far apart.
     table: Vec<u32>,
 }
 
-impl Ranks {
+impl IndexMap {
     /// Of these values, each once.
     pub fn of(values: impl Iterator<Item = u32>) -> Self {
-        let mut ranks = Ranks::default();
-        ranks.fill(values);
-        ranks
+        let mut map = IndexMap::default();
+        map.fill(values);
+        map
     }
 
     /// Becomes the set of these values, each once.
     pub fn fill(&mut self, values: impl Iterator<Item = u32>) {
-        let Ranks { list, table } = self;
+        let IndexMap { list, table } = self;
         list.clear();
         table.clear();
         list.extend(values);
@@ -58,7 +58,7 @@ impl Ranks {
     /// # Real-time
     /// Logarithmic, never panics.
     #[inline]
-    pub fn rank(&self, number: u32) -> Option<u32> {
+    pub fn index_of(&self, number: u32) -> Option<u32> {
         if self.table.is_empty() {
             return self.list.binary_search(&number).ok().map(|rank| rank as u32);
         }
@@ -68,12 +68,12 @@ impl Ranks {
 
     /// The same; what is none of them stays itself.
     pub fn renumber(&self, number: u32) -> u32 {
-        self.rank(number).unwrap_or(number)
+        self.index_of(number).unwrap_or(number)
     }
 
     /// A half-edge with its element renumbered; `otherwise` where that is none of them.
     pub fn renumber_twin(&self, twin: u32, otherwise: u32) -> u32 {
-        self.rank(twin / 3).map_or(otherwise, |element| 3 * element + twin % 3)
+        self.index_of(twin / 3).map_or(otherwise, |element| 3 * element + twin % 3)
     }
 }
 
@@ -86,15 +86,15 @@ mod tests {
         #[test]
         fn near_or_far_apart_they_are_ranked(values in prop::collection::vec(0u32..500, 0..60), factor in 1u32..8_000_000, first in 0u32..9) {
             let values: Vec<u32> = values.iter().map(|v| first + v * factor).collect();
-            let ranks = Ranks::of(values.iter().copied());
+            let map = IndexMap::of(values.iter().copied());
             let sorted: std::collections::BTreeSet<u32> = values.iter().copied().collect();
-            prop_assert!(ranks.list().iter().eq(&sorted));
-            prop_assert_eq!(ranks.table.is_empty(), sorted.is_empty() || sorted.last().unwrap() - sorted.first().unwrap() >= 8 * (values.len() as u32 + 1));
+            prop_assert!(map.list().iter().eq(&sorted));
+            prop_assert_eq!(map.table.is_empty(), sorted.is_empty() || sorted.last().unwrap() - sorted.first().unwrap() >= 8 * (values.len() as u32 + 1));
             for (rank, value) in sorted.iter().enumerate() {
-                prop_assert_eq!(ranks.rank(*value), Some(rank as u32));
+                prop_assert_eq!(map.index_of(*value), Some(rank as u32));
             }
             for other in (0..4000).chain([u32::MAX, u32::MAX - 1]).filter(|v| !sorted.contains(v)) {
-                prop_assert_eq!(ranks.rank(other), None);
+                prop_assert_eq!(map.index_of(other), None);
             }
         }
     }

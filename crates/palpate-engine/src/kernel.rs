@@ -1,14 +1,14 @@
-//! The force law: local frame, deflection, mixed responses, stored energy (paper, (1) to (5); MODEL 2).
+//! The force law: local frame, deflection, blended responses, stored energy (paper, (1) to (5); MODEL 2).
 //!
-//! Which law it is, the step is compiled for: see [`crate::lateral`] and [`crate::coupled`].
+//! The step is compiled once for each kind of law: see [`crate::force_law`] and [`crate::coupled`].
 
 use crate::drive::Drive;
-use crate::lateral::Lateral;
+use crate::force_law::ForceLaw;
 use crate::walk::Rates;
 use glam::DVec3;
 use palpate_body::{ContactModel, Node};
 
-/// Which interpolations are taken away, as in the paper's section 5: either makes the force jump at mesh edges.
+/// Which interpolations are switched off, as in the paper's section 5: either makes the force jump at mesh edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Ablation {
     /// Both interpolations on.
@@ -18,20 +18,20 @@ pub enum Ablation {
     Coordinates,
     /// One response for the whole element, the mean of its nodes', instead of (5).
     Responses,
-    /// Both taken away.
+    /// Both switched off.
     Both,
 }
 
-/// What fixes the force for a given contact point and tip.
+/// What fixes the force for a given contact point and tool position.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Law {
+pub(crate) struct Setting {
     /// Interpolations.
     pub ablation: Ablation,
     /// Radius of the spherical tool, m; 0 for a point.
     pub radius_m: f64,
 }
 
-impl Law {
+impl Setting {
     #[inline]
     pub(crate) fn interpolates_frames(self) -> bool {
         matches!(self.ablation, Ablation::None | Ablation::Responses)
@@ -49,12 +49,12 @@ impl Law {
     }
 }
 
-/// An element as the law sees it: its nodes, and the coefficients that are mixed at the deflections of the moment. Good for
+/// An element prepared for evaluating the law: its nodes, and the coefficients that are blended at the current deflections. Good for
 /// many evaluations, as long as the contact point stays in the element.
 #[derive(Clone, Copy)]
-pub(crate) struct Site<'a, L: Lateral> {
+pub(crate) struct ElementKernel<'a, L: ForceLaw> {
     pub body: &'a ContactModel,
-    pub law: Law,
+    pub setting: Setting,
     pub element: u32,
     pub nodes: [&'a Node; 3],
     /// Of the element's test points.
@@ -63,7 +63,7 @@ pub(crate) struct Site<'a, L: Lateral> {
     pub stretch: L,
 }
 
-/// A deflection as a law is asked for it.
+/// A deflection, the law's argument.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Deflection {
     /// δz, m.
@@ -85,7 +85,7 @@ impl Deflection {
     }
 }
 
-/// What a law says at a deflection.
+/// A law's answer at a deflection.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Reading {
     /// Direction of the lateral force; zero where there is none.
@@ -93,18 +93,18 @@ pub(crate) struct Reading {
     /// f_z, N.
     pub normal: f64,
     /// |f_t|, N.
-    pub pull: f64,
-    /// About how fast it falls when c moves along it, N/m.
-    pub pull_slope: f64,
+    pub lateral_force: f64,
+    /// Estimate of its rate of fall while c moves along it, N/m.
+    pub lateral_slope: f64,
     /// μ f_z, N.
     pub limit: f64,
     /// W, J.
     pub energy: f64,
 }
 
-/// The state of the force law at one contact point and tip.
+/// The state of the force law at one contact point and tool position.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Field {
+pub(crate) struct Evaluation {
     /// c, m.
     pub c: DVec3,
     /// Σ n u, whose direction is û_c.
@@ -121,31 +121,31 @@ pub(crate) struct Field {
     /// f_c^z, N.
     pub normal: f64,
     /// |f_t|, N: f_c^r where the body is isotropic.
-    pub pull: f64,
-    /// About how fast it falls when c moves along u_t, the rest held, N/m: f_c^r' where the body is isotropic.
-    pub pull_slope: f64,
+    pub lateral_force: f64,
+    /// Estimate of its rate of fall while c moves along u_t, the rest held, N/m: f_c^r' where the body is isotropic.
+    pub lateral_slope: f64,
     /// Friction limit L = μ f^z, N.
     pub limit: f64,
     /// W(c, δ) = F^z(δz) + F^r(ρ), J.
     pub energy: f64,
 }
 
-impl<'a, L: Lateral> Site<'a, L> {
+impl<'a, L: ForceLaw> ElementKernel<'a, L> {
     /// The element under the contact point.
     #[inline]
-    pub fn new(body: &'a ContactModel, law: Law, element: u32) -> Self {
+    pub fn new(body: &'a ContactModel, setting: Setting, element: u32) -> Self {
         let nodes = body.element_nodes(element);
         let coefficients = L::element(body, element, nodes);
-        Site { body, law, element, nodes, coefficients, stretch: L::default() }
+        ElementKernel { body, setting, element, nodes, coefficients, stretch: L::default() }
     }
 
-    /// Another element; what was looked up stays where it mixes the same test points.
+    /// Another element; what was looked up stays where it blends the same test points.
     #[inline]
     pub fn move_to(&mut self, element: u32) {
         let before = self.nodes;
         self.element = element;
         self.nodes = self.body.element_nodes(element);
-        L::go_over(&mut self.coefficients, self.body, element, [before, self.nodes]);
+        L::change_element(&mut self.coefficients, self.body, element, [before, self.nodes]);
     }
 
     /// Corner positions, m.
@@ -158,19 +158,19 @@ impl<'a, L: Lateral> Site<'a, L> {
     #[inline]
     fn frame(&self, n: [f64; 3]) -> DVec3 {
         let [a, b, c] = self.nodes;
-        if self.law.interpolates_frames() {
+        if self.setting.interpolates_frames() {
             a.inward * n[0] + b.inward * n[1] + c.inward * n[2]
         } else {
             (c.position - a.position).cross(b.position - a.position)
         }
     }
 
-    /// Frame (2), deflection, and mixed responses (5) for area coordinates `n` and tool reference point `tip`.
+    /// Frame (2), deflection, and blended responses (5) for area coordinates `n` and tool reference point `tool_position`.
     #[inline(always)]
-    pub fn evaluate(&mut self, n: [f64; 3], tip: DVec3) -> Field {
+    pub fn evaluate(&mut self, n: [f64; 3], tool_position: DVec3) -> Evaluation {
         let [p, q, r] = self.corners();
         let c = p + (q - p) * n[1] + (r - p) * n[2];
-        let offset = tip - c;
+        let offset = tool_position - c;
         // δ_t from the frame before it is normalised: the square root need not be waited for.
         let frame = self.frame(n);
         let (square, along) = (frame.length_squared(), offset.dot(frame));
@@ -178,26 +178,40 @@ impl<'a, L: Lateral> Site<'a, L> {
         let lateral = tangential.length();
         let frame_length = square.sqrt();
         // x = p + R û: the radius adds to the depth and leaves the lateral part alone.
-        let depth = along / frame_length + self.law.radius_m;
+        let depth = along / frame_length + self.setting.radius_m;
         let deflection = Deflection { depth, tangential, lateral, frame, square };
-        let mixing = self.response_coordinates(n);
-        let (left, reading) = L::read(&mut self.coefficients, self.body, self.nodes, mixing, &deflection);
+        let blending = self.response_coordinates(n);
+        let (left, reading) = L::read(&mut self.coefficients, self.body, self.nodes, blending, &deflection);
         self.stretch = left;
-        let Reading { u_t, normal, pull, pull_slope, limit, energy } = reading;
-        Field { c, frame, frame_length, depth, lateral, u_t, normal, pull, pull_slope, limit, energy }
+        let Reading { u_t, normal, lateral_force, lateral_slope, limit, energy } = reading;
+        Evaluation {
+            c,
+            frame,
+            frame_length,
+            depth,
+            lateral,
+            u_t,
+            normal,
+            lateral_force,
+            lateral_slope,
+            limit,
+            energy,
+        }
     }
 
-    /// The area coordinates that mix the responses.
+    /// The area coordinates that blend the responses.
     #[inline]
     pub fn response_coordinates(&self, n: [f64; 3]) -> [f64; 3] {
-        if self.law.interpolates_responses() { n } else { [1.0 / 3.0; 3] }
+        if self.setting.interpolates_responses() { n } else { [1.0 / 3.0; 3] }
     }
 
     /// b = (f_z − û·p) δ_t − (δ·û) f_t, N·m: while û turns by dû, W rises by b·dû.
     #[inline]
-    pub fn leverage(&self, n: [f64; 3], f: &Field) -> DVec3 {
-        let beside = self.stretch.beside(&self.coefficients, self.response_coordinates(n), f);
-        self.stretch.deflection(f) * (f.normal - beside) - f.u_t * (f.pull * (f.depth - self.law.radius_m))
+    pub fn couple(&self, n: [f64; 3], f: &Evaluation) -> DVec3 {
+        let normal_coupling =
+            self.stretch.normal_coupling(&self.coefficients, self.response_coordinates(n), f);
+        self.stretch.deflection(f) * (f.normal - normal_coupling)
+            - f.u_t * (f.lateral_force * (f.depth - self.setting.radius_m))
     }
 
     /// [`Rates`] in this element.
@@ -206,53 +220,53 @@ impl<'a, L: Lateral> Site<'a, L> {
         Rates::new(self.corners(), v)
     }
 
-    /// See [`Lateral::aim`], at `n`.
+    /// See [`ForceLaw::implicit_direction`], at `n`.
     #[inline(always)]
-    pub fn aim(&self, f: &Field) -> DVec3 {
-        self.stretch.aim(f)
+    pub fn implicit_direction(&self, f: &Evaluation) -> DVec3 {
+        self.stretch.implicit_direction(f)
     }
 
-    /// See [`Lateral::lead`], at `n`.
+    /// See [`ForceLaw::implicit_drive_direction`], at `n`.
     #[inline]
-    pub fn lead(&self, n: [f64; 3], f: &Field, drive: &Drive) -> DVec3 {
-        L::lead(&self.coefficients, self.response_coordinates(n), f, drive)
+    pub fn implicit_drive_direction(&self, n: [f64; 3], f: &Evaluation, drive: &Drive) -> DVec3 {
+        L::implicit_drive_direction(&self.coefficients, self.response_coordinates(n), f, drive)
     }
 
-    /// See [`Lateral::turned`], at `n`.
+    /// See [`ForceLaw::slope_ratio`], at `n`.
     #[inline]
-    pub fn turned(&self, n: [f64; 3], old: DVec3, new: DVec3) -> f64 {
-        L::turned(&self.coefficients, self.response_coordinates(n), old, new)
+    pub fn slope_ratio(&self, n: [f64; 3], old: DVec3, new: DVec3) -> f64 {
+        L::slope_ratio(&self.coefficients, self.response_coordinates(n), old, new)
     }
 
     /// How `f`, just evaluated here at `n`, changes while c moves with the projection of the unit vector `v`.
     #[inline(never)]
-    pub fn drift(&mut self, n: [f64; 3], f: &Field, v: DVec3) -> Drift {
+    pub fn drift(&mut self, n: [f64; 3], f: &Evaluation, v: DVec3) -> Drift {
         let r = self.rates(v).each();
         let [p, q, s] = self.corners();
         let t = (q - p) * r[1] + (s - p) * r[2];
         let u = f.u();
-        let du = if self.law.interpolates_frames() {
-            let turn = self.frame(r);
-            (turn - u * u.dot(turn)) * (1.0 / f.frame_length)
+        let du = if self.setting.interpolates_frames() {
+            let frame_rate = self.frame(r);
+            (frame_rate - u * u.dot(frame_rate)) * (1.0 / f.frame_length)
         } else {
             DVec3::ZERO
         };
 
         // δ = p − c changes by −t, and with it δz = δ·û + R and δ_t = δ − (δ·û) û.
         let d_depth = self.stretch.along_deflection(f, du) - t.dot(u);
-        let d_tangential = -t - u * d_depth - du * (f.depth - self.law.radius_m);
-        // (5) is linear in the area coordinates: their rates mix the coefficients' own gradient.
-        let mixing = self.response_coordinates(n);
-        let along = if self.law.interpolates_responses() { r } else { [0.0; 3] };
-        let change = Change { mixing, along, u, du, d_depth, d_tangential, v };
+        let d_tangential = -t - u * d_depth - du * (f.depth - self.setting.radius_m);
+        // (5) is linear in the area coordinates: their rates blend the coefficients' own gradient.
+        let blending = self.response_coordinates(n);
+        let along = if self.setting.interpolates_responses() { r } else { [0.0; 3] };
+        let change = Change { blending, along, u, du, d_depth, d_tangential, v };
         self.stretch.drift(&mut self.coefficients, self.body, self.nodes, f, &change)
     }
 }
 
-/// How the deflection and the mix change while c moves.
+/// How the deflection and the blend change while c moves.
 pub(crate) struct Change {
-    /// The area coordinates that mix the coefficients, and their rates, 1/m.
-    pub mixing: [f64; 3],
+    /// The area coordinates that blend the coefficients, and their rates, 1/m.
+    pub blending: [f64; 3],
     pub along: [f64; 3],
     /// û and its rate, 1/m.
     pub u: DVec3,
@@ -260,15 +274,15 @@ pub(crate) struct Change {
     /// The rates of δz and δ_t.
     pub d_depth: f64,
     pub d_tangential: DVec3,
-    /// Which way c moves, a unit vector.
+    /// Direction in which c moves, a unit vector.
     pub v: DVec3,
 }
 
-impl Field {
+impl Evaluation {
     /// (4): the force on the body, N.
     #[inline]
     pub(crate) fn force(&self) -> DVec3 {
-        self.u() * self.normal + self.u_t * self.pull
+        self.u() * self.normal + self.u_t * self.lateral_force
     }
 
     /// û_c, into the body.
@@ -278,7 +292,7 @@ impl Field {
     }
 }
 
-/// How a field changes while the contact point moves at a fixed tip.
+/// How an evaluation changes while the contact point moves at a fixed tool position.
 pub(crate) struct Drift {
     /// Rate of f_c, N/m.
     pub force: DVec3,
@@ -286,10 +300,10 @@ pub(crate) struct Drift {
     pub normal_slope: f64,
     /// (μ f_z)', N/m.
     pub limit_slope: f64,
-    /// The greatest stiffness in stick sideways, N/m.
+    /// The greatest stiffness in stick along the surface, N/m.
     pub lateral_stiffness: f64,
     /// |∂|f_t|/∂x|, N/m.
-    pub pull_gradient: f64,
+    pub lateral_force_gradient: f64,
     /// d(L − f_t·v)/ds of MODEL 5, certificate S: how fast slip takes the drive to its limit, N/m.
     pub eta: f64,
 }
