@@ -709,7 +709,8 @@ impl Contact {
             self.energy.slip(evaluation.energy);
         }
         let (end, drive) = self.slip::<L, R>(&mut kernel, &mut at, &mut evaluation, step);
-        if evaluation.depth > 0.0 && end != End::Border {
+        // On the surface up to rounding the tool has not been taken up anew.
+        if evaluation.depth > ON_SURFACE && end != End::Border {
             let released = flags.has(Flags::RELEASED);
             step.flags.set(Flags::REANCHORED, released || !from_outside);
             step.flags.set(Flags::ONSET, !released);

@@ -98,7 +98,12 @@ pub fn coupled_cylinder(triangles: usize, ratio: f64) -> Result<Body> {
             stiffness: [ramp(stiff * ratio, 0.5)?, ramp(0.05 * kr, 0.5)?, ramp(stiff, 0.5)?],
             cubic: [ramp(2e3, 0.5)?, ramp(-1e3, 0.5)?, ramp(1e3, 0.5)?, ramp(-2e3, 0.5)?],
             quartic: ramp(2e6, 0.5)?,
-            friction: response.friction.on_knots(&knots)?,
+            friction: Curve::hermite(
+                &knots,
+                &[response.friction.value(0.0); 6],
+                &[0.0; 6],
+                Extension::Constant,
+            )?,
         })
     };
     let potentials = body.test_point_nodes().iter().zip(body.curves()).map(potential);
@@ -128,6 +133,13 @@ fn blend(u: f64, v: f64) -> BlendWeights {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_coupled_tube_is_a_body() {
+        for triangles in [528, 528 * 16] {
+            assert!(coupled_cylinder(triangles, 1.9).unwrap().is_coupled());
+        }
+    }
 
     #[test]
     fn finer_meshes_have_the_same_responses() {
