@@ -105,7 +105,7 @@ fn what_cannot_be_fitted_is_refused() {
     };
     refused(&[], on_known_knots(), "none has depth");
     let press: Vec<_> = all.iter().copied().filter(|s| s.lateral_m == [0.0; 2]).collect();
-    refused(&press, on_known_knots(), "sideways");
+    refused(&press, on_known_knots(), "laterally");
     let changed = |change: fn(&mut ContactSample)| {
         let mut all = all.clone();
         change(&mut all[5]);

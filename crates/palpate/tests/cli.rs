@@ -348,12 +348,13 @@ fn bench_gives_every_regime() {
     let stretched = directory
         .json("bench --triangles 528 --steps 10000 --slip paper,consistent,exact --anisotropic --json");
     let [plain, stretched] = [&plain, &stretched].map(|d| d["results"].as_array().unwrap());
-    assert_eq!((plain.len(), stretched.len()), (20, 15));
+    assert_eq!((plain.len(), stretched.len()), (60, 30));
     for (i, row) in plain.iter().enumerate() {
-        assert_eq!(row["slip"], ["paper", "consistent"][i / 5 % 2]);
+        assert_eq!(row["law"], ["decoupled", "coupled"][i / 15 % 2]);
+        assert_eq!(row["slip"], ["paper", "consistent", "exact"][i / 5 % 3]);
     }
     for (i, row) in stretched.iter().enumerate() {
-        assert_eq!(row["slip"], ["paper", "consistent", "exact"][i / 5]);
+        assert_eq!(row["slip"], ["paper", "consistent", "exact"][i / 5 % 3]);
     }
     assert!(stretched.iter().all(|row| row["anisotropic"] == true));
     for row in plain.iter().chain(stretched) {
@@ -407,15 +408,15 @@ fn wrong_specs_are_refused_with_their_line() {
         (spec("steps = 12", "steps = 0"), &["bad.toml:15", "steps"]),
         (spec("steps = 12", "steps = 12\nsteps = 13"), &["bad.toml:16", "duplicate"]),
         (spec("rule = \"paper\"", "rule = \"sticky\""), &["bad.toml:18", "sticky", "consistent"]),
-        (spec("law = \"paper-cylinder\"", "law = \"hooke\""), &["bad.toml:21", "hooke"]),
-        (spec("law = \"paper-cylinder\"", "law = \"uniform\""), &["bad.toml:24", "does not vary"]),
-        (spec("stiffness_n_per_m = 600", "stiffness_n_per_m = inf"), &["bad.toml:22", "stiffness_n_per_m"]),
-        (spec("stiffness_n_per_m = 600\n", ""), &["bad.toml:20", "stiffness_n_per_m"]),
-        (spec("around = 0.5", "around = 1.5"), &["bad.toml:24", "around"]),
-        (format!("{SPEC}[extra]\n"), &["bad.toml:26", "unknown field `extra`"]),
-        (format!("{SPEC}[tool]\nshape = \"spoon\"\n"), &["bad.toml:27", "spoon"]),
-        (format!("{SPEC}[tool]\nshape = \"sphere\"\n"), &["bad.toml:26", "radius_mm"]),
-        (format!("{SPEC}[tool]\nshape = \"point\"\nradius_mm = 3\n"), &["bad.toml:28", "no radius"]),
+        (spec("law = \"paper-cylinder\"", "law = \"hooke\""), &["bad.toml:22", "hooke"]),
+        (spec("law = \"paper-cylinder\"", "law = \"uniform\""), &["bad.toml:25", "does not vary"]),
+        (spec("stiffness_n_per_m = 600", "stiffness_n_per_m = inf"), &["bad.toml:23", "stiffness_n_per_m"]),
+        (spec("stiffness_n_per_m = 600\n", ""), &["bad.toml:21", "stiffness_n_per_m"]),
+        (spec("around = 0.5", "around = 1.5"), &["bad.toml:25", "around"]),
+        (format!("{SPEC}[extra]\n"), &["bad.toml:27", "unknown field `extra`"]),
+        (format!("{SPEC}[tool]\nshape = \"spoon\"\n"), &["bad.toml:28", "spoon"]),
+        (format!("{SPEC}[tool]\nshape = \"sphere\"\n"), &["bad.toml:27", "radius_mm"]),
+        (format!("{SPEC}[tool]\nshape = \"point\"\nradius_mm = 3\n"), &["bad.toml:29", "no radius"]),
         (format!("[body]\nmesh = \"a.stl\"\n{SPEC}"), &["bad.toml:4", "a mesh and a shape"]),
         (format!("[body]\ncrease_angle_deg = 200\n{SPEC}"), &["bad.toml:2", "crease_angle_deg"]),
         (format!("[body]\nunit = \"inch\"\n{SPEC}"), &["bad.toml:2", "inch"]),

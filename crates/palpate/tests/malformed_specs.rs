@@ -105,7 +105,7 @@ const CASES: &[(&str, &str, &[&str])] = &[
     ("lateral_max_mm = 1\n", "", &["spec.toml:", "lateral_max_mm", "add"]),
     ("count = 5", "", &["spec.toml:", "[test_points]", "add"]),
     ("coefficient = 0.3", "", &["spec.toml:", "[friction]", "give"]),
-    ("rule = \"paper\"", "", &["spec.toml:", "rule"]),
+    ("rule = \"paper\"", "tank = \"yes\"", &["spec.toml:42:", "boolean"]),
     // Kinds of values.
     ("unit = \"mm\"", "unit = \"inch\"", &["spec.toml:3:", "inch"]),
     ("unit = \"mm\"", "unit = 1e-3", &["spec.toml:3:"]),

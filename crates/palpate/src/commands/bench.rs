@@ -104,7 +104,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             let built = start.elapsed().as_secs_f64();
             console::note(&format!("{} triangles: built in {built:.1} s", body.elements().len()));
             for rule in args.slip.iter().map(|s| s.rule()) {
-                rows.extend(REGIMES.map(|regime| run_regime(&body, rule, regime, steps, &clock)));
+                let row = |regime| Row {
+                    anisotropic: args.anisotropic,
+                    ..run_regime(&body, rule, regime, steps, &clock)
+                };
+                rows.extend(REGIMES.map(row));
             }
         }
     }
