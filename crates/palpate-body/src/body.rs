@@ -254,7 +254,7 @@ impl Body {
     /// Checks the parts against each other and lays them out for the step.
     ///
     /// # Errors
-    /// Anything that [`Node`], [`Element`] or [`Response`] promise and a part does not keep; the place names it.
+    /// Anything that [`Node`], [`Element`](crate::Element) or [`Response`] promise and a part does not keep; the place names it.
     pub fn new(parts: BodyParts) -> Result<Self> {
         let BodyParts {
             surface,

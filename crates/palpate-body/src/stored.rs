@@ -1,7 +1,7 @@
 //! A body that stays in its file, for those that are larger than memory, and for all that are long to open.
 //!
 //! In memory are its outline and the tree over its elements: 7.5 bytes an element, where the body itself has 70 and more.
-//! [`BodySource::take`] reads what a patch needs, and derives of it what [`Body::new`] derives of the whole, by the same
+//! [`BodySource::take`] reads what a patch needs, and derives of it what [`Body::new`](crate::Body::new) derives of the whole, by the same
 //! functions: the same bits come out.
 //!
 //! The file is read, not mapped: a file that is cut short while it is in use is an error like any other, and what it takes of
@@ -84,11 +84,11 @@ enum Law {
 }
 
 impl StoredBody {
-    /// Checks the body at `path` as [`Body::open`] does, and leaves it there. `slip` is the rule that contacts will ask for, if
+    /// Checks the body at `path` as [`Body::open`](crate::Body::open) does, and leaves it there. `slip` is the rule that contacts will ask for, if
     /// it is another than the body's own.
     ///
     /// # Errors
-    /// As [`Body::open`]; tensors that are not aligned, as other programs may write them; with the rule `consistent`, a node
+    /// As [`Body::open`](crate::Body::open); tensors that are not aligned, as other programs may write them; with the rule `consistent`, a node
     /// that joins elements which no edge joins.
     pub fn open(path: &Path, slip: Option<SlipRule>) -> Result<Self> {
         let (file, bytes) = mapped(path)?;

@@ -64,7 +64,7 @@ pub struct Ledger {
     pub dissipated_j: f64,
     /// The part of it where W rose, as a positive sum: energy that the slip rule generated.
     pub generated_j: f64,
-    /// The tank: what slips have dissipated and later ones may give out again, at most [`TANK`] times what is stored. Below
+    /// The tank: what slips have dissipated and later ones may give out again, at most a quarter of what is stored. Below
     /// zero after a step that gave out more, as a re-anchoring may.
     pub tank_j: f64,
     /// What internal variables took out of W at a fixed tool position and contact point; 0 as long as no response has any.
