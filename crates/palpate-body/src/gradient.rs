@@ -288,14 +288,9 @@ impl Gradients {
             frame_gradient: above(norm(frame_gradient)),
             tensor: above(norm(change).hypot(norm(&change[3..]))),
         });
-        let coupled = || coupled_terms(terms, reference, self.columns, potentials);
-        let bounds: Vec<CoupledBound> = if model.is_coupled() {
-            let knots = responses.depth_knots().values();
-            let width = |i: usize| knots.get(i + 1).map(|next| next - knots[i]);
-            coupled().enumerate().map(|(i, rows)| CoupledBound::new(&rows, width(i))).collect()
-        } else {
-            Vec::new()
-        };
+        // None with the decoupled law.
+        let columns = if model.is_coupled() { self.columns } else { 0 };
+        let coupled: Vec<_> = coupled_terms(terms, reference, columns, potentials).collect();
         if terms.len() <= MAX_TERMS {
             self.places.push(Place { start: self.terms.len() as u32, count: terms.len() as u32 });
             self.terms.extend(terms.iter().map(|(t, g)| Term { gradient: single(g), test_point: *t }));
@@ -303,10 +298,8 @@ impl Gradients {
             let rows_before = self.depth_rows.len().max(self.coupled_rows.len());
             self.places.push(Place { start: (rows_before / self.columns) as u32, count: CURVES });
             if model.is_coupled() {
-                let rows: Vec<_> = coupled()
-                    .map(|rows| rows.map(|quantities| quantities.map(|sum| sum.as_vec3().extend(0.0))))
-                    .collect();
-                self.coupled_rows.extend(rows);
+                let single = |sum: DVec3| sum.as_vec3().extend(0.0);
+                self.coupled_rows.extend(coupled.iter().map(|rows| rows.map(|q| q.map(single))));
             } else {
                 let lateral_knots = responses.lateral_knots().values().len();
                 self.depth_rows
@@ -315,6 +308,9 @@ impl Gradients {
                     .extend(rows(terms, reference, lateral_knots, |t, i| responses.lateral_row(t, i)));
             }
         }
+        let knots = responses.depth_knots().values();
+        let width = |i: usize| knots.get(i + 1).map(|next| next - knots[i]);
+        let bounds = coupled.iter().enumerate().map(|(i, rows)| CoupledBound::new(rows, width(i)));
         self.coupled_bounds.extend(bounds);
         self.frame_gradients.push(frame_gradient.map(|g| g.as_vec3().extend(0.0)));
         if !tensors.is_empty() {

@@ -91,9 +91,7 @@ impl ForceLaw for Coupled {
         _: u32,
         [before, nodes]: [[&'a Node; 3]; 2],
     ) {
-        let (was, blend) = (points.blend, Blend::of(nodes));
-        points.blend = blend;
-        if was != Blend::Shared || blend != Blend::Shared || was.points(before) != blend.points(nodes) {
+        if !points.blend.change_element(before, nodes) {
             points.interval = Interval::NONE;
         }
     }

@@ -122,11 +122,8 @@ impl<M: Metric> ForceLaw for M {
         element: u32,
         [before, nodes]: [[&'a Node; 3]; 2],
     ) {
-        let held = curves.blend.points(before);
         curves.tensors = M::nodes(model, element);
-        let (was, blend) = (curves.blend, Blend::of(nodes));
-        curves.blend = blend;
-        if was != Blend::Shared || blend != Blend::Shared || held != blend.points(nodes) {
+        if !curves.blend.change_element(before, nodes) {
             (curves.depth, curves.lateral) = (Rows::NONE, Rows::NONE);
         }
     }

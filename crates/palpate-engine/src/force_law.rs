@@ -41,6 +41,15 @@ impl Blend {
         }
     }
 
+    /// Goes over from the element with the nodes `before` to that with the nodes `now`; whether what was looked up for the first
+    /// is the second's too.
+    #[inline(always)]
+    pub fn change_element(&mut self, before: [&Node; 3], now: [&Node; 3]) -> bool {
+        let was = *self;
+        *self = Blend::of(now);
+        was == Blend::Shared && *self == Blend::Shared && was.points(before) == self.points(now)
+    }
+
     /// Weights of the [`Blend::points`] at area coordinates `n`; linear in `n`.
     #[inline]
     pub fn weights(self, nodes: [&Node; 3], n: [f64; 3]) -> [f64; 3] {
