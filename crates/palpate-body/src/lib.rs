@@ -50,6 +50,7 @@ pub mod response;
 pub mod search;
 pub mod shape;
 pub mod source;
+pub mod stiffness;
 pub mod stored;
 pub mod surface;
 pub mod tensor;

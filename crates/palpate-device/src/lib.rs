@@ -33,14 +33,18 @@ mod shared {
 
 mod capabilities;
 mod device;
+#[cfg(feature = "vendors")]
 mod dhd;
 mod error;
 mod first_pose;
 mod frame;
+#[cfg(feature = "vendors")]
 mod haply;
 mod latest;
+#[cfg(feature = "vendors")]
 mod library;
 mod limit;
+#[cfg(feature = "vendors")]
 mod openhaptics;
 pub mod presets;
 mod replay;
@@ -48,9 +52,12 @@ pub mod simulated;
 
 pub use capabilities::{Basis, Capabilities, Figure, Freedom, Mechanics, Pace, Rates, Workspace};
 pub use device::{Command, Device, Pose, Sample, Status};
+#[cfg(feature = "vendors")]
 pub use dhd::{Dhd, DhdOptions};
 pub use error::{Fault, OpenError};
+#[cfg(feature = "vendors")]
 pub use haply::{Haply, HaplyForceKey, HaplyOptions};
+#[cfg(feature = "vendors")]
 pub use openhaptics::{OpenHaptics, OpenHapticsOptions};
 pub use replay::{Replay, ReplaySample};
 pub use simulated::Simulated;

@@ -1,6 +1,6 @@
-//! Touch soft bodies: the facade of palpate's crates, and the parts of the `palpate` command.
+//! Touch soft bodies: haptic rendering of contact with nonlinear deformable bodies.
 //!
-//! Programs that render contact need [`Body`] and [`Contact`] only:
+//! Programs that render contact themselves need [`Body`] and [`Contact`] only:
 //!
 //! ```no_run
 //! use palpate::{Body, Contact, ToolState};
@@ -12,27 +12,13 @@
 //! # Ok::<(), palpate::BodyError>(())
 //! ```
 
-pub mod bench;
-pub mod certify;
-pub mod closed_loop;
-pub mod commands;
-pub mod console;
-pub mod csv_table;
-pub mod demo;
-pub mod files;
-pub mod inspect;
-pub mod intent;
-pub mod law;
-pub mod live;
-pub mod path;
-pub mod plot;
-pub mod precompute;
-pub mod record;
-pub mod spec;
-pub mod tables;
-pub mod trace;
-pub mod validate;
-pub mod vtu;
+pub use palpate_body as body;
+#[cfg(feature = "simulate")]
+pub use palpate_build as build;
+pub use palpate_device as device;
+pub use palpate_engine as engine;
+pub use palpate_identify as identify;
+pub use palpate_runtime as runtime;
 
 pub use palpate_body::{Body, BodyError};
 pub use palpate_engine::{Ablation, Contact, Output, ToolState};

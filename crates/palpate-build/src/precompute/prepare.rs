@@ -1,0 +1,566 @@
+//! From a spec to what a run needs: surface, volume mesh, supports, materials, test points. Cheap checks come first.
+
+use super::elements::Elements;
+use super::run::Prepared;
+use super::{assemble, volume};
+use crate::paths_file::{PathsPlan, Scene, TestPoint};
+use crate::spec::{
+    Fixed, Geometry, Material, MaterialLaw, Place, Selection, Simulation, Spec, TestPoints, ToolShape, Volume,
+};
+use anyhow::{Result, anyhow, bail};
+use glam::DVec3;
+use palpate_body::Surface;
+use palpate_files as files;
+use palpate_files::Table;
+use palpate_identify::{Amount, test_points, touchable};
+use palpate_simulate::material::{self, Bulk};
+use palpate_simulate::mesh::check::check;
+use palpate_simulate::path::tangents;
+use palpate_simulate::{Drag, Model, PointPlan, TetMesh};
+use rayon::prelude::*;
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering::Relaxed;
+
+/// A mesh's regions and supports as the solver wants them.
+pub struct Physics {
+    /// With an index into `materials` as each element's region.
+    pub mesh: TetMesh,
+    /// By region.
+    pub materials: Vec<material::Material>,
+    /// The axes along which each held node can't move.
+    pub fixed: BTreeMap<u32, [bool; 3]>,
+}
+
+/// What a run of this spec is asked.
+///
+/// # Errors
+/// A file that the spec names can't be read.
+pub fn plan(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<PathsPlan> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut inputs = BTreeMap::new();
+    for file in inputs_of(spec, simulation) {
+        let name = file.strip_prefix(folder).unwrap_or(&file).display().to_string();
+        inputs.insert(name, files::sha256(&file)?);
+    }
+    let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+    Ok(PathsPlan {
+        software: concat!("palpate ", env!("CARGO_PKG_VERSION")).into(),
+        spec_name: name,
+        spec: spec.text.clone(),
+        inputs,
+    })
+}
+
+/// The files that the spec names.
+pub fn inputs_of(spec: &Spec, simulation: &Simulation) -> Vec<PathBuf> {
+    let mut inputs = Vec::new();
+    if let Some(Geometry::Mesh(mesh)) = &spec.geometry {
+        inputs.push(mesh.clone());
+        // TetGen's meshes are two files.
+        for (one, other) in [("node", "ele"), ("ele", "node")] {
+            if mesh.extension().is_some_and(|e| e.eq_ignore_ascii_case(one)) {
+                inputs.extend(Some(mesh.with_extension(other)).filter(|p| p.is_file()));
+            }
+        }
+    }
+    if let ToolShape::Mesh { file, .. } = &simulation.tool {
+        inputs.push(file.clone());
+    }
+    inputs.extend(simulation.fixed.iter().filter_map(|f| match &f.selection {
+        Selection::Nodes(file) => Some(file.clone()),
+        _ => None,
+    }));
+    inputs
+}
+
+/// A signal came while a run was prepared: it ended with the stage under way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Interrupted {
+    /// What was done last.
+    pub after: &'static str,
+}
+
+impl std::fmt::Display for Interrupted {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "stopped while the run was prepared, after {}: nothing was simulated or written",
+            self.after
+        )
+    }
+}
+
+impl std::error::Error for Interrupted {}
+
+/// Makes all that a run needs.
+///
+/// # Errors
+/// Whatever is wrong with meshes, supports, regions or test points, with its place; [`Interrupted`] at the end of a stage
+/// in which `cancelled` came true.
+pub fn prepare(
+    spec: &Spec,
+    simulation: &Simulation,
+    path: &Path,
+    cancelled: &AtomicBool,
+) -> Result<Prepared<Elements>> {
+    let go_on = |after| if cancelled.load(Relaxed) { Err(Interrupted { after }) } else { Ok(()) };
+    let in_spec = |e: palpate_body::BodyError| e.in_file(path);
+    let volume::Source { triangles, mesh, tolerance_m, of_surface, mut notes } =
+        volume::source(spec, simulation, path)?;
+    go_on("the volume's mesh")?;
+    let surface = assemble::surface(spec, &triangles).map_err(in_spec)?;
+    let boundary = mesh.boundary();
+    let name = match &spec.geometry {
+        Some(Geometry::Mesh(file)) => file.as_path(),
+        _ => path,
+    };
+
+    let mut fixed: BTreeMap<u32, [bool; 3]> = BTreeMap::new();
+    let mut held = vec![false; surface.positions().len()];
+    for support in &simulation.fixed {
+        let nodes = held_nodes(support, &mesh, tolerance_m)?;
+        for node in nodes {
+            let axes = fixed.entry(node).or_default();
+            for (axis, held) in axes.iter_mut().zip(support.axes) {
+                *axis |= held;
+            }
+        }
+        hold_surface(support, &surface, tolerance_m, &mut held)?;
+    }
+    let fully: HashMap<[u64; 3], bool> = boundary
+        .nodes
+        .iter()
+        .map(|n| {
+            (bits(mesh.positions[*n as usize]), fixed.get(n).is_some_and(|axes| axes.iter().any(|a| *a)))
+        })
+        .collect();
+    if !of_surface {
+        // The surface's nodes are the mesh's.
+        for (held, p) in held.iter_mut().zip(surface.positions()) {
+            *held = fully.get(&bits(*p)).copied().unwrap_or(false);
+        }
+    }
+
+    let axes = |n| fixed.get(&n).copied().unwrap_or_default();
+    let axes: Vec<[bool; 3]> = (0..mesh.positions.len() as u32).map(axes).collect();
+    let (mesh, materials) = regions(simulation, mesh)?;
+    let named = |e: palpate_simulate::SimulateError| anyhow!("{}: {e}", name.display());
+    notes.extend(check(&mesh, &axes).map_err(named)?);
+    go_on("the mesh's checks")?;
+    let solver = Elements::new(Physics { mesh, materials, fixed }, simulation, path)?;
+    let named = match &simulation.test_points {
+        TestPoints::At(points) => points.len(),
+        _ => usize::MAX,
+    };
+    go_on("the stiffness's factorisation")?;
+    let radius_m = super::volume::tool_radius(simulation)?;
+    let compliance_prior = compliance_prior(solver.model(), &surface, named, radius_m, cancelled);
+    go_on("the search for the stiffness at rest")?;
+    let nodes = choose(simulation, &surface, &held, &compliance_prior, path, &mut notes)?;
+    let points = nodes.into_iter().map(|node| TestPoint {
+        node,
+        plan: point_plan(
+            simulation,
+            surface.positions()[node as usize],
+            surface.inward_normals()[node as usize],
+        ),
+    });
+    let points = points.collect();
+    let index: HashMap<u32, u32> = boundary.nodes.iter().zip(0..).map(|(n, i)| (*n, i)).collect();
+    let scene = Scene {
+        surface: triangles,
+        guide_n_per_m: compliance_prior,
+        boundary_m: boundary.nodes.iter().map(|n| solver.model().mesh().positions[*n as usize]).collect(),
+        faces: boundary.faces.iter().map(|face| face.map(|n| index[&n])).collect(),
+        notes,
+    };
+    Ok(Prepared { scene, points, solver })
+}
+
+/// So few test points, named by the spec, need no compliance prior between them.
+const UNGUIDED: usize = 3;
+
+/// Places at which the stiffness at rest is found; between them it is interpolated.
+const GUIDED: usize = 600;
+
+/// The body's stiffness at rest under a patch as wide as the tool, N/m, at each of the surface's nodes: what its
+/// responses go with from place to place, and known everywhere for one substitution each.
+///
+/// Of no use once `cancelled` is true.
+fn compliance_prior(
+    model: &Model,
+    surface: &Surface,
+    points: usize,
+    radius_m: f64,
+    cancelled: &AtomicBool,
+) -> Vec<f64> {
+    let positions = surface.positions();
+    if points <= UNGUIDED {
+        return vec![1.0; positions.len()];
+    }
+    let (places, of) = sparse(positions, surface.inward_normals());
+    let at = |&n: &u32| {
+        let n = n as usize;
+        if cancelled.load(Relaxed) {
+            return 1.0;
+        }
+        model.stiffness_at(positions[n], surface.inward_normals()[n], radius_m)
+    };
+    let mut found: Vec<f64> = places.par_iter().map(at).collect();
+    // What supports carry alone is no stiffer than a hundred times the usual.
+    let mut sorted: Vec<f64> = found.iter().copied().filter(|k| k.is_finite()).collect();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let most = sorted.get(sorted.len() / 4).map_or(1.0, |k| 100.0 * k);
+    found.iter_mut().for_each(|k| *k = k.min(most));
+    of.iter().map(|shares| shares.iter().map(|(place, share)| share * found[*place as usize]).sum()).collect()
+}
+
+/// At most [`GUIDED`] nodes spread over the surface, and for each node the shares of those around it.
+fn sparse(positions: &[DVec3], normals: &[DVec3]) -> (Vec<u32>, Vec<Vec<(u32, f64)>>) {
+    let all = positions.len();
+    if all <= GUIDED {
+        return ((0..all as u32).collect(), (0..all as u32).map(|n| vec![(n, 1.0)]).collect());
+    }
+    let low = positions.iter().fold(DVec3::INFINITY, |low, p| low.min(*p));
+    let high = positions.iter().fold(DVec3::NEG_INFINITY, |high, p| high.max(*p));
+    let mut cell = (high - low).length() / (GUIDED as f64).sqrt();
+    let key = |p: DVec3, cell: f64| ((p - low) / cell).floor().to_array().map(|c| c as i64);
+    let places = loop {
+        // The first node of each cell.
+        let mut cells: BTreeMap<[i64; 3], u32> = BTreeMap::new();
+        for (n, p) in positions.iter().enumerate() {
+            cells.entry(key(*p, cell)).or_insert(n as u32);
+        }
+        if cells.len() <= GUIDED {
+            break cells;
+        }
+        cell *= 1.1;
+    };
+    let listed: Vec<u32> = places.values().copied().collect();
+    let index: HashMap<[i64; 3], u32> = places.keys().copied().zip(0..).collect();
+    let shares = positions.iter().zip(normals).map(|(p, normal)| {
+        let [x, y, z] = key(*p, cell);
+        let mut near: Vec<(u32, f64)> = Vec::new();
+        for (dx, dy, dz) in
+            (-1..=1).flat_map(|x| (-1..=1).flat_map(move |y| (-1..=1).map(move |z| (x, y, z))))
+        {
+            let Some(&place) = index.get(&[x + dx, y + dy, z + dz]) else { continue };
+            let other = listed[place as usize] as usize;
+            // Not what lies on the other side of a thin part.
+            if normals[other].dot(*normal) > 0.0 {
+                near.push((place, 1.0 / (p.distance_squared(positions[other]) + 1e-3 * cell * cell)));
+            }
+        }
+        if near.is_empty() {
+            near.push((index[&[x, y, z]], 1.0));
+        }
+        let total: f64 = near.iter().map(|(_, w)| w).sum();
+        near.iter_mut().for_each(|(_, w)| *w /= total);
+        near
+    });
+    let shares = shares.collect();
+    (listed, shares)
+}
+
+fn bits(p: DVec3) -> [u64; 3] {
+    p.to_array().map(f64::to_bits)
+}
+
+/// A mesh's nodes that a support holds.
+fn held_nodes(support: &Fixed, mesh: &TetMesh, tolerance_m: f64) -> Result<Vec<u32>> {
+    let place = &support.place;
+    let nodes: Vec<u32> = match &support.selection {
+        Selection::Place(region) => (0..mesh.positions.len() as u32)
+            .filter(|n| region.contains(mesh.positions[*n as usize], tolerance_m))
+            .collect(),
+        Selection::Group(name) => {
+            mesh.groups.get(name).cloned().ok_or_else(|| no_group(place, name, mesh))?
+        }
+        Selection::Nodes(file) => listed(file)?
+            .iter()
+            .map(|p| nearest(p.at, mesh.positions.iter().copied(), tolerance_m).ok_or_else(|| p.far()))
+            .collect::<Result<_>>()?,
+    };
+    if nodes.is_empty() {
+        let (low, high) = extent(mesh.positions.iter());
+        bail!(
+            "{place}: it holds no node of the mesh; the mesh reaches from {low} to {high} mm: move it there"
+        );
+    }
+    Ok(nodes)
+}
+
+/// Marks the nodes of a surface of its own that a support holds.
+fn hold_surface(support: &Fixed, surface: &Surface, tolerance_m: f64, held: &mut [bool]) -> Result<()> {
+    match &support.selection {
+        Selection::Place(region) => {
+            for (held, p) in held.iter_mut().zip(surface.positions()) {
+                *held |= region.contains(*p, tolerance_m);
+            }
+        }
+        // Surfaces have no groups.
+        Selection::Group(_) => {}
+        Selection::Nodes(file) => {
+            for p in listed(file)? {
+                if let Some(n) = nearest(p.at, surface.positions().iter().copied(), tolerance_m) {
+                    held[n as usize] = true;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+fn no_group(place: &str, name: &str, mesh: &TetMesh) -> anyhow::Error {
+    let mut names: Vec<&str> = mesh.groups.keys().map(String::as_str).collect();
+    names.extend(mesh.region_names.iter().map(String::as_str).filter(|n| !n.is_empty()));
+    names.sort_unstable();
+    names.dedup();
+    let hint = match names.len() {
+        0 => "it has none: give half_space or box_mm".to_string(),
+        _ => format!("it has {}", names.join(", ")),
+    };
+    anyhow!("{place}: the mesh has no group `{}`; {hint}", name.escape_debug())
+}
+
+/// A point in a list of nodes.
+struct Listed {
+    at: DVec3,
+    place: String,
+}
+
+impl Listed {
+    fn far(&self) -> anyhow::Error {
+        let p = self.at * 1e3;
+        let place = &self.place;
+        anyhow!(
+            "{place}: no node is at ({:.4}, {:.4}, {:.4}) mm; give nodes of this mesh, in m",
+            p.x,
+            p.y,
+            p.z
+        )
+    }
+}
+
+fn listed(file: &Path) -> Result<Vec<Listed>> {
+    let text = files::read_text(file)?;
+    let table = Table::parse(file, &text, &["x_m", "y_m", "z_m"], &[])?;
+    let row = |row: &palpate_files::Row| Listed {
+        at: DVec3::new(row.values[0], row.values[1], row.values[2]),
+        place: format!("{}:{}", file.display(), row.line),
+    };
+    Ok(table.rows.iter().map(row).collect())
+}
+
+fn nearest(at: DVec3, positions: impl Iterator<Item = DVec3>, within_m: f64) -> Option<u32> {
+    let distances = positions.map(|p| p.distance_squared(at)).enumerate();
+    let (n, d) = distances.min_by(|a, b| a.1.total_cmp(&b.1))?;
+    (d <= within_m * within_m).then_some(n as u32)
+}
+
+/// Least and greatest coordinates, as text in mm.
+fn extent<'a>(positions: impl Iterator<Item = &'a DVec3>) -> (String, String) {
+    let (low, high) =
+        positions.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)));
+    let text = |p: DVec3| format!("({:.2}, {:.2}, {:.2})", p.x * 1e3, p.y * 1e3, p.z * 1e3);
+    (text(low), text(high))
+}
+
+/// Gives each element the index of its material.
+fn regions(simulation: &Simulation, mut mesh: TetMesh) -> Result<(TetMesh, Vec<material::Material>)> {
+    let mut materials = vec![made_of(&simulation.material)?];
+    let mut regions = vec![0; mesh.elements.len()];
+    for region in &simulation.regions {
+        let (place, index) = (&region.place, materials.len() as u32);
+        let mut count = 0;
+        let named = match &region.selection {
+            Selection::Group(name) => {
+                let found = mesh.region_names.iter().position(|n| n == name);
+                Some(found.ok_or_else(|| {
+                    anyhow!("{}; a region's group is one of volumes", no_group(place, name, &mesh))
+                })?)
+            }
+            _ => None,
+        };
+        for (e, element) in mesh.elements.iter().enumerate() {
+            let within = match &region.selection {
+                Selection::Place(region) => {
+                    let sum: DVec3 = element[..4].iter().map(|n| mesh.positions[*n as usize]).sum();
+                    region.contains(sum / 4.0, 0.0)
+                }
+                _ => named.is_some_and(|r| mesh.regions[e] as usize == r),
+            };
+            if within {
+                regions[e] = index;
+                count += 1;
+            }
+        }
+        if count == 0 {
+            let (low, high) = extent(mesh.positions.iter());
+            bail!(
+                "{place}: no element's middle lies in this region; the mesh reaches from {low} to {high} mm: move the \
+                 region, enlarge it, or make elements smaller there"
+            );
+        }
+        materials.push(made_of(&region.material)?);
+    }
+    mesh.regions = regions;
+    mesh.region_names = (0..materials.len()).map(|i| i.to_string()).collect();
+    Ok((mesh, materials))
+}
+
+/// The solver's material.
+fn made_of(given: &Material) -> Result<material::Material> {
+    use material::Material as M;
+    let bulk = match given.volume {
+        Volume::BulkModulus(k) => Bulk::ModulusPa(k),
+        Volume::PoissonRatio(nu) => Bulk::PoissonRatio(nu),
+    };
+    let nu = |e: f64| match given.volume {
+        Volume::PoissonRatio(nu) => nu,
+        Volume::BulkModulus(k) => (3.0 * k - e) / (6.0 * k),
+    };
+    let made = match &given.law {
+        MaterialLaw::NeoHookean { young_modulus_pa: e } => M::neo_hookean(*e, nu(*e)),
+        MaterialLaw::NeoHookeanIsochoric { young_modulus_pa: e } => M::isochoric_neo_hookean(*e, nu(*e)),
+        MaterialLaw::StVenantKirchhoff { young_modulus_pa: e } => M::st_venant_kirchhoff(*e, nu(*e)),
+        MaterialLaw::Linear { young_modulus_pa: e } => M::linear(*e, nu(*e)),
+        MaterialLaw::MooneyRivlin { c10_pa, c01_pa } => M::mooney_rivlin(*c10_pa, *c01_pa, bulk),
+        MaterialLaw::Ogden { terms } => M::ogden(terms.clone(), bulk),
+        MaterialLaw::Yeoh { c_pa } => M::yeoh(c_pa.clone(), bulk),
+        MaterialLaw::FungDemiray { mu_pa, b } => M::fung_demiray(*mu_pa, *b, bulk),
+        MaterialLaw::VerondaWestmann { c1_pa, c3 } => M::veronda_westmann(*c1_pa, *c3, bulk),
+    };
+    Ok(made?)
+}
+
+/// How far from what is held the tool stays, m: by its radius and the longest drag, so that it comes over nothing that
+/// can't give way, in no direction.
+///
+/// # Errors
+/// The tool's size is not known.
+pub fn margin(simulation: &Simulation) -> Result<f64> {
+    Ok(super::volume::tool_radius(simulation)? + simulation.deflection.lateral_max_m)
+}
+
+/// The test points' nodes, ascending; or in the spec's order, where it names them.
+fn choose(
+    simulation: &Simulation,
+    surface: &Surface,
+    held: &[bool],
+    compliance_prior: &[f64],
+    path: &Path,
+    notes: &mut Vec<String>,
+) -> Result<Vec<u32>> {
+    let touchable = touchable(surface, held, margin(simulation)?)?;
+    let amount = match &simulation.test_points {
+        TestPoints::Count(count) => {
+            // One for each vertex at most.
+            let mut free: Vec<u32> = surface
+                .vertices()
+                .iter()
+                .zip(&touchable)
+                .filter(|(_, open)| **open)
+                .map(|(v, _)| *v)
+                .collect();
+            free.sort_unstable();
+            free.dedup();
+            let count = *count as usize;
+            if free.len() < count && !free.is_empty() {
+                notes.push(format!("the surface has {} vertices to touch: each is a test point", free.len()));
+            }
+            Amount::Count(count.min(free.len().max(1)))
+        }
+        TestPoints::Spacing(spacing) => Amount::Spacing(*spacing),
+        TestPoints::At(points) => return named_points(points, surface, held, path, notes),
+    };
+    test_points(surface, &touchable, amount, Some(compliance_prior))
+        .map_err(|e| anyhow!("{}: [test_points]: {e}", path.display()))
+}
+
+fn named_points(
+    points: &[DVec3],
+    surface: &Surface,
+    held: &[bool],
+    path: &Path,
+    notes: &mut Vec<String>,
+) -> Result<Vec<u32>> {
+    let (low, high) = surface
+        .positions()
+        .iter()
+        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)));
+    let file = path.display();
+    let mut nodes: Vec<u32> = Vec::new();
+    let mut farthest: f64 = 0.0;
+    for (i, p) in points.iter().enumerate() {
+        let q = *p * 1e3;
+        let place =
+            format!("{file}: [test_points] at_mm, point {i} at ({:.2}, {:.2}, {:.2}) mm", q.x, q.y, q.z);
+        let Some(node) = nearest(*p, surface.positions().iter().copied(), (high - low).length() / 10.0)
+        else {
+            let (low, high) = extent(surface.positions().iter());
+            bail!(
+                "{place}: it is far from the surface, which reaches from {low} to {high} mm; move it there"
+            );
+        };
+        if let Some(other) = nodes.iter().position(|n| *n == node) {
+            bail!("{place}: the surface's nearest node is that of point {other}; remove one of them");
+        }
+        if held[node as usize] {
+            bail!("{place}: the surface is fixed there; move it, or the support");
+        }
+        farthest = farthest.max(surface.positions()[node as usize].distance(*p));
+        nodes.push(node);
+    }
+    if farthest > 1e-6 {
+        notes.push(format!(
+            "test points were moved to the surface's nearest nodes, by up to {:.3} mm",
+            farthest * 1e3
+        ));
+    }
+    Ok(nodes)
+}
+
+/// The load paths at a point.
+pub fn point_plan(simulation: &Simulation, point: DVec3, inward: DVec3) -> PointPlan {
+    let (first, second) = tangents(inward);
+    let count = simulation.directions;
+    let direction = |i: u32| {
+        let turn = std::f64::consts::TAU * f64::from(i) / f64::from(count);
+        let (sin, cos) = (libm::sin(turn), libm::cos(turn));
+        (first * cos + second * sin).reject_from_normalized(inward).normalize()
+    };
+    let end = simulation.deflection.lateral_max_m;
+    // Drags are straighter than presses, and there are four of them and more.
+    let steps = simulation.deflection.steps.div_ceil(3).max(4);
+    let distances: Vec<f64> = (1..=steps).map(|i| end * f64::from(i) / f64::from(steps)).collect();
+    let drag = |&from: &usize| {
+        let distances = distances.clone();
+        (0..count).map(move |i| Drag { from, direction: direction(i), distances: distances.clone() })
+    };
+    PointPlan {
+        point,
+        inward,
+        depths: simulation.depths_m.clone(),
+        drags: simulation.drag_from.iter().flat_map(drag).collect(),
+    }
+}
+
+/// The parts of a box's height at which one material ends and another begins, where elements should end as well.
+pub fn layers(simulation: &Simulation, low: f64, high: f64) -> Vec<f64> {
+    let mut planes: Vec<f64> = simulation
+        .regions
+        .iter()
+        .filter_map(|region| match region.selection {
+            Selection::Place(Place::Box { low, high }) => Some([low.z, high.z]),
+            _ => None,
+        })
+        .flatten()
+        .filter(|z| *z > low + 1e-9 && *z < high - 1e-9)
+        .collect();
+    planes.sort_by(f64::total_cmp);
+    planes.dedup_by(|b, a| *b - *a < 1e-9);
+    planes
+}
