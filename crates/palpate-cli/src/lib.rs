@@ -2,7 +2,6 @@
 
 pub mod bench;
 pub mod certify;
-pub mod closed_loop;
 pub mod commands;
 pub mod console;
 pub mod demo;

@@ -1,134 +1,22 @@
-//! Loops against the clock: devices as the command line names them, their sessions on one body, and what they tell.
+//! Loops against the clock, as the command tells of them.
 
 use crate::console;
-use anyhow::{Context, Result, anyhow, bail};
-use glam::DVec3;
-use palpate_body::file::Fingerprint;
-use palpate_body::stiffness::Stiffest;
-use palpate_body::tensor::Principal;
-use palpate_body::{Body, BodyError, BodySource, SlipRule, StoredBody};
-use palpate_device::simulated::{Hand, HandMotion as _, figures};
-use palpate_device::{Capabilities, Device, Replay, ReplaySample, Simulated};
-use palpate_engine::{Ablation, Contact};
-use palpate_files as files;
-use palpate_runtime::motion::MotionScript;
-use palpate_runtime::path;
-use palpate_runtime::{
-    BodyFile, Coupling, End, Finished, HapticLoop, Header, Opened, Prepared, RecorderThread, Recording,
-    RecordingFile, Report, Safety, Session, Settings, StageFlags, Summary, WorkspaceMap, ring,
-};
+use anyhow::{Context, Result};
+use palpate_runtime::{LiveSession, Observer, Outcome, PreparedSession, Record, StageFlags, Summary, supervise};
 use serde::Serialize;
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
-/// How far above the body's top the tool is put where nothing else is said, m.
-const ABOVE: f64 = 20e-3;
-/// Seconds of records that the ring holds.
-const RING_S: f64 = 2.0;
-/// Between two lines that tell how it goes, s.
+/// Between two lines that tell how it goes.
 const TOLD_EVERY: Duration = Duration::from_secs(1);
-/// For as long as it likes, s.
-const AT_LEISURE: f64 = 1e9;
-/// Between two looks at the sessions.
-const PAUSE: Duration = Duration::from_millis(20);
-/// From so many elements on a body stays in its file unless something else is said: opened into memory it would take seconds,
-/// and some 200 MB a million.
-const STORED_FROM: usize = 1 << 20;
-
-/// Where a body is while loops run on it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum BodyIn {
-    /// All of it in memory.
-    Memory,
-    /// In its file, of which patches are read.
-    File,
-}
-
-/// The body at `path`, for contacts that slip by this rule or else the body's own; and its file as a recording names it, if it
-/// `is_recorded`.
-///
-/// # Errors
-/// As [`Body::open`]; the file is changed or replaced meanwhile.
-pub fn open_body(
-    path: &Path,
-    slip: Option<SlipRule>,
-    place: Option<BodyIn>,
-    is_recorded: bool,
-) -> Result<(Arc<dyn BodySource>, BodyFile)> {
-    let fingerprint = |file: &_| Fingerprint::of(file).map_err(|e| BodyError::io(path, e));
-    let file = files::open(path)?;
-    let before = fingerprint(&file)?;
-    let is_large = || StoredBody::count_elements(path).is_ok_and(|count| count >= STORED_FROM);
-    let body: Arc<dyn BodySource> = match place {
-        Some(BodyIn::File) => Arc::new(StoredBody::open(path, slip)?),
-        Some(BodyIn::Memory) => Arc::new(Body::open(path)?),
-        // Of the few that can't stay in their files, memory may have room for some.
-        None => match is_large().then(|| StoredBody::open(path, slip)) {
-            Some(Ok(stored)) => Arc::new(stored),
-            _ => Arc::new(Body::open(path)?),
-        },
-    };
-    let sha256 = if is_recorded { files::sha256_of(file, path)? } else { String::new() };
-    if fingerprint(&files::open(path)?)? != before {
-        bail!("{}: it was changed while it was opened; start again", path.display());
-    }
-    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    Ok((body, BodyFile { name, sha256 }))
-}
-
-/// A device that is to be opened, and how it goes with the body.
-pub struct Hold {
-    /// It.
-    pub device: Box<dyn Device>,
-    /// Where it works in the body's frame; `None` puts its first pose above the body's top.
-    pub map: Option<WorkspaceMap>,
-    /// How long, s, if its poses end of themselves.
-    pub seconds: Option<f64>,
-    /// Whether its poses come from a list: they may stand still, and nothing feels the force.
-    pub is_replay: bool,
-}
-
-/// What all devices have in common.
-#[derive(Debug, Clone)]
-pub struct LivePlan {
-    /// The body's file.
-    pub body: BodyFile,
-    /// Threads.
-    pub settings: Settings,
-    /// Output stages.
-    pub safety: Safety,
-    /// In place of the body's own.
-    pub slip: Option<SlipRule>,
-    /// Whether slip goes without the body's tank.
-    pub no_tank: bool,
-    /// Interpolations taken away.
-    pub ablation: Ablation,
-    /// A virtual coupling of this stiffness, N/m.
-    pub coupling_n_per_m: Option<f64>,
-    /// What of the map is given.
-    pub place: Place,
-    /// Files to record into, one for each device, or none.
-    pub record: Vec<PathBuf>,
-    /// Whether the output is JSON.
-    pub json: bool,
-}
-
-/// What of a workspace map is given.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Place {
-    /// Body's way per device's way.
-    pub scale: Option<f64>,
-    /// Where the device's origin is in the body, m.
-    pub offset_m: Option<DVec3>,
-    /// w x y z, body from device.
-    pub rotation: Option<[f64; 4]>,
-    /// The clutch's button.
-    pub clutch: Option<u32>,
-}
+/// How long what could not be had may take to be told before the first force: where nobody reads, it is told later.
+const PATIENCE: Duration = Duration::from_millis(500);
+/// What a device is told to be that renders nothing.
+const IDLE: &str = "it renders no force: its forces are off, nobody holds its grip, or it is not ready; when it renders again, \
+                    the force ramps up";
 
 /// The report of a loop that ended.
 #[derive(Debug, Serialize)]
@@ -137,6 +25,8 @@ pub struct Told {
     pub device: String,
     /// Why it ended.
     pub end: String,
+    /// The same in a word that stays the same.
+    pub end_kind: &'static str,
     /// Whether that is as it should be.
     pub well: bool,
     /// Hz.
@@ -161,286 +51,147 @@ struct Live<'a> {
     summary: &'a Summary,
 }
 
-/// A simulated device in a hand that does as the motion script says.
-///
-/// # Errors
-/// The motion script does not go on this body; a device or hand that can't be simulated.
-pub fn simulated(
-    body: &dyn BodySource,
-    mut capabilities: Capabilities,
-    hand: Hand,
-    intent: &MotionScript,
-) -> Result<Hold> {
-    intent.adjust(&mut capabilities);
-    let hand = intent.hand.unwrap_or(hand);
-    figures::check(&capabilities, &hand).map_err(|e| anyhow!("{} in this hand: {e}", capabilities.name))?;
-    let [place, into] = intent.place(body)?;
-    let script = intent.script(into, body.model_header().tool().radius_m())?;
-    let seconds = Some(script.duration_s());
-    let map = Some(WorkspaceMap { offset_m: place, ..WorkspaceMap::default() });
-    Ok(Hold {
-        device: Box::new(Simulated::new(capabilities, hand, Box::new(script))),
-        map,
-        seconds,
-        is_replay: false,
-    })
+/// One period of a loop that is watched: poses in the body's frame, force and torque on the tool, and the command in the
+/// device's frame.
+#[derive(Serialize)]
+struct State<'a> {
+    device: &'a str,
+    time_s: f64,
+    position_m: [f64; 3],
+    orientation: [f64; 4],
+    force_n: [f64; 3],
+    torque_nm: [f64; 3],
+    command_force_n: [f64; 3],
+    command_torque_nm: [f64; 3],
+    /// Null without contact.
+    contact_m: Option<[f64; 3]>,
+    delta_z_m: f64,
+    delta_r_m: f64,
+    flags: Vec<&'static str>,
 }
 
-/// A recording's device, or a Path CSV's tool in the body's frame, at `rate_hz`.
+/// Runs all sessions until each has ended, or a signal comes. A panic anywhere in the program takes all forces off before a
+/// word of it is written.
 ///
 /// # Errors
-/// The file is neither; it holds no pose.
-pub fn replay(file: &Path, rate_hz: f64) -> Result<Hold> {
-    let (samples, map): (Vec<_>, _) = if is_recording(file)? {
-        let recording = Recording::open(file)?;
-        let map = recording.header().map.into();
-        let samples = recording.map(|r| ReplaySample {
-            time_s: r.time_s,
-            pose: r.sample().pose,
-            buttons: r.device_buttons,
-        });
-        (samples.collect(), map)
-    } else {
-        let waypoints = path::resample(&path::read(file)?, rate_hz)?;
-        let start = waypoints.first().map_or(0.0, |w| w.time_s);
-        let sample = |w: &palpate_engine::Waypoint| ReplaySample {
-            time_s: w.time_s - start,
-            pose: palpate_device::Pose { position_m: w.pose.position_m, orientation: w.pose.orientation },
-            buttons: 0,
-        };
-        (waypoints.iter().map(sample).collect(), WorkspaceMap::default())
-    };
-    if samples.is_empty() {
-        bail!("{}: it holds no pose; record one first, or give a Path CSV", file.display());
-    }
-    Ok(Hold { device: Box::new(Replay::new(samples)), map: Some(map), seconds: None, is_replay: true })
-}
-
-/// Whether a file begins as a recording does.
-///
-/// # Errors
-/// It can't be read.
-pub fn is_recording(file: &Path) -> Result<bool> {
-    use std::io::Read;
-    let mut first = [0; 8];
-    let read = std::fs::File::open(file).and_then(|mut f| f.read(&mut first));
-    let read = read
-        .with_context(|| format!("{}: can't be read; check the path and its permissions", file.display()))?;
-    Ok(read == first.len() && first == palpate_runtime::RECORDING_MAGIC)
-}
-
-/// A session with all that belongs to it.
-struct Running {
-    session: Option<Session>,
-    recorder_thread: RecorderThread,
-    device: String,
-}
-
-/// Runs all devices on the body until each has ended, or one has ended badly, or a signal comes.
-///
-/// # Errors
-/// What can't be begun: a device, a recording, a setting. Everything that was begun is ended then.
-pub fn run(body: &Arc<dyn BodySource>, holds: Vec<Hold>, plan: &LivePlan) -> Result<Vec<(Told, End)>> {
-    let stop = signals()?;
-    let count = holds.len();
-    let teller = Teller::start(plan.json)?;
-    // All are ready before the first one renders: from then on somebody watches.
-    let is_asked = || stop.load(Ordering::Relaxed);
-    let mut ready = Vec::new();
-    for (i, hold) in holds.into_iter().enumerate() {
-        if !is_asked() {
-            ready.push(prepare(body, hold, plan, plan.record.get(i))?);
+/// What can't be begun: everything that was begun is ended then.
+pub fn run(
+    mut sessions: Vec<PreparedSession>,
+    is_asked: &dyn Fn() -> bool,
+    json: bool,
+    stream_hz: Option<f64>,
+) -> Result<Vec<Told>> {
+    let teller = Teller::start(json)?;
+    for session in &mut sessions {
+        let device = session.capabilities().name.to_string();
+        for note in session.notes().iter().cloned().chain(session.advice().map(String::from)) {
+            teller.tell(News::Note(format!("{device}: {note}")));
         }
     }
-    if is_asked() {
-        console::note("a signal asked for the end before it began");
-        return Ok(Vec::new());
-    }
-    let mut running = ready.into_iter().map(Ready::start).collect::<Result<Vec<_>>>()?;
-    let mut told = Instant::now();
-    let mut ended: Vec<Option<Report>> = (0..count).map(|_| None).collect();
-    while running.iter().any(|r| r.session.is_some()) {
-        std::thread::sleep(PAUSE);
-        let mut bad = stop.load(Ordering::Relaxed).then_some("a signal asked for it");
-        for (one, ended) in running.iter_mut().zip(&mut ended) {
-            if let Some(session) = one.session.take_if(|s| s.is_over()) {
-                let report = session.join();
-                bad = bad.or((!report.end.is_well()).then_some("another device's loop has ended"));
-                *ended = Some(report);
-            }
-        }
-        for session in running.iter().filter_map(|r| r.session.as_ref()) {
-            bad.into_iter().for_each(|why| session.stopper().stop(why));
-        }
-        if told.elapsed() >= TOLD_EVERY {
-            told = Instant::now();
-            for one in running.iter().filter(|r| r.session.is_some()) {
-                teller.tell(News::Live {
-                    device: one.device.clone(),
-                    summary: Box::new(one.recorder_thread.summary()),
-                });
-            }
-        }
-        for one in &running {
-            one.recorder_thread.trouble().into_iter().for_each(|what| {
-                teller.tell(News::Note(format!("{}: {what}", one.device)));
-            });
-        }
-    }
-    // Recordings have their ends before anything more is told, which may take forever.
-    let finish = |(one, report): (Running, Option<Report>)| {
-        let report = report?;
-        let finished = one.recorder_thread.finish(&report.end.to_string());
-        Some((tell(one.device, &report, finished, plan), report))
-    };
-    let finished: Vec<_> = running.into_iter().zip(ended).filter_map(finish).collect();
+    teller.catch_up(PATIENCE);
+    stop_on_panic(sessions.iter().map(PreparedSession::stopper).collect());
+    let sessions = sessions.into_iter().map(PreparedSession::start).collect::<Result<Vec<_>, _>>()?;
+    let now = Instant::now();
+    let every = stream_hz.map(|hz| Duration::from_secs_f64(1.0 / hz));
+    let watched = vec![Watched { told: now, streamed: now, idle: 0, number: u64::MAX }; sessions.len()];
+    let mut watcher = Watcher { teller: &teller, watched, every };
+    let stop = || is_asked().then_some("a signal asked for it");
+    let outcomes = supervise(sessions, &stop, &mut watcher);
     teller.finish();
-    finished.iter().flat_map(|(_, report)| &report.notes).for_each(|n| console::note(n));
-    Ok(finished.into_iter().map(|(told, report)| (told, report.end)).collect())
+    Ok(outcomes.into_iter().map(tell).collect())
 }
 
-/// Set at the first signal to stop; a second one ends the program.
-fn signals() -> Result<&'static AtomicBool> {
+/// What is set at the first signal to stop; a second one ends the program. Ctrl-Z is one too: a program that is suspended holds
+/// its last force.
+///
+/// # Errors
+/// Signals can't be handled.
+pub fn signals() -> Result<impl Fn() -> bool> {
     static STOP: AtomicBool = AtomicBool::new(false);
     console::stop_on_signals(&STOP)?;
-    Ok(&STOP)
+    let suspended = Arc::new(AtomicBool::new(false));
+    #[cfg(unix)]
+    signal_hook::flag::register(signal_hook::consts::SIGTSTP, suspended.clone())
+        .context("Ctrl-Z can't be handled")?;
+    Ok(move || STOP.load(Ordering::Relaxed) || suspended.load(Ordering::Relaxed))
 }
 
-/// A loop that only has to be started.
-struct Ready {
-    session: Prepared,
-    recorder_thread: RecorderThread,
-    device: String,
+/// Zero force first, in whatever thread a panic is: what is written about it may take forever where nobody reads.
+fn stop_on_panic(stoppers: Vec<palpate_runtime::Stopper>) {
+    let written = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        stoppers.iter().for_each(|stopper| stopper.stop_at_once("a panic in this program"));
+        written(panic);
+    }));
 }
 
-impl Ready {
-    fn start(self) -> Result<Running> {
-        let Ready { session, recorder_thread, device } = self;
-        Ok(Running { session: Some(session.start()?), recorder_thread, device })
-    }
+/// What was told of a session.
+#[derive(Debug, Clone)]
+struct Watched {
+    told: Instant,
+    streamed: Instant,
+    /// Periods in which the device rendered nothing, as far as they were told.
+    idle: u64,
+    /// The last period that was streamed.
+    number: u64,
 }
 
-fn prepare(
-    body: &Arc<dyn BodySource>,
-    hold: Hold,
-    plan: &LivePlan,
-    record: Option<&PathBuf>,
-) -> Result<Ready> {
-    let LivePlan { settings, safety, coupling_n_per_m, ablation, place, .. } = plan;
-    let Hold { device, map, seconds, is_replay } = hold;
-    let mut device = Opened::new(device)?;
-    let name = device.capabilities().name.to_string();
-    let mut safety = *safety;
-    if is_replay {
-        // Nobody feels it; what is recorded should be what the body answers.
-        let (force_max_n, silence_s) = (safety.force_max_n.or(Some(1e3)), Some(AT_LEISURE));
-        safety = Safety { force_max_n, silence_s, soft_start_s: 0.0, stale_s: AT_LEISURE, ..safety };
-    }
-    let mut stages = safety.stages(device.capabilities(), settings.rate_hz)?;
-    stages.coupling =
-        coupling_n_per_m.map(|k| Ok::<_, BodyError>(Coupling::new(k, stiffest(&**body)?))).transpose()?;
-    let map = match map {
-        Some(map) => place.over(map),
-        None => place.above_top(&mut device, &**body)?,
-    };
-    let map = map.checked(device.capabilities())?;
-    let rule = plan.slip.unwrap_or(body.model_header().slip());
-    let tank = body.model_header().has_tank() && !plan.no_tank;
-    let contact = Contact::on(body.model_header(), rule, *ablation).with_tank(tank);
-    let haptics = HapticLoop::new(contact, map, stages);
-    let (recorder, records) = ring((RING_S * settings.rate_hz) as usize);
-    let header = || Header {
-        program: concat!("palpate ", env!("CARGO_PKG_VERSION")).into(),
-        began_unix_s: SystemTime::now()
-            .duration_since(SystemTime::UNIX_EPOCH)
-            .map_or(0.0, |t| t.as_secs_f64()),
-        rate_hz: settings.rate_hz,
-        body: plan.body.clone(),
-        slip: rule.name().into(),
-        tank,
-        ablation: ablation_name(*ablation).into(),
-        device: name.clone(),
-        safety: Some(safety),
-        coupling_n_per_m: *coupling_n_per_m,
-        map: map.into(),
-    };
-    let file = record.map(|path| RecordingFile::create(path, false, &header())).transpose()?;
-    let recorder_thread = RecorderThread::start(records, file, settings.rate_hz)?;
-    let mut settings = *settings;
-    settings.seconds = settings.seconds.or(seconds);
-    if is_replay {
-        settings.patience.pose_s = f64::INFINITY;
-    }
-    let session = Session::prepare(body.clone(), device, haptics, recorder, settings)?;
-    Ok(Ready { session, recorder_thread, device: name })
+/// Tells now and then how the sessions go.
+struct Watcher<'a> {
+    teller: &'a Teller,
+    watched: Vec<Watched>,
+    every: Option<Duration>,
 }
 
-/// K_max at any depth, N/m.
-fn stiffest(body: &dyn BodySource) -> palpate_body::Result<f64> {
-    let mut stiffest = Stiffest::default();
-    body.each_response(&mut |r| stiffest.meet(r))?;
-    let range_m = body.model_header().potentials().range_m();
-    body.each_potential(&mut |p| stiffest.meet_coupled(p, range_m))?;
-    body.each_tensor(&mut |a, u| stiffest.turn(&Principal::of(a, u)))?;
-    Ok(stiffest.anywhere())
-}
-
-/// Where the handle is.
-fn first_place(device: &mut Opened) -> Result<DVec3> {
-    let mut sample = device.read(0.0);
-    for _ in 0..200 {
-        // Some take a moment to their first pose.
-        if sample.is_ok_and(|s| s.pose.position_m.iter().all(|x| x.is_finite())) {
-            break;
+impl Observer for Watcher<'_> {
+    fn look(&mut self, index: usize, session: &LiveSession) {
+        let Some(watched) = self.watched.get_mut(index) else { return };
+        let device = || session.capabilities().name.to_string();
+        if let Some(every) = self.every
+            && watched.streamed.elapsed() >= every
+            && let Some(record) = session.latest().filter(|r| r.number != watched.number)
+        {
+            // The rate holds on average, whenever this thread is asked.
+            watched.streamed = (watched.streamed + every).max(Instant::now() - every);
+            watched.number = record.number;
+            self.teller.tell(News::State { device: device(), record: Box::new(record) });
         }
-        std::thread::sleep(Duration::from_millis(5));
-        sample = device.read(0.0);
-    }
-    let sample = sample.map_err(|fault| {
-        let (name, words) = (device.capabilities().name.clone(), device.explain(fault));
-        anyhow!("{name}: {words}; check that it is on and homed, and start again")
-    })?;
-    Ok(DVec3::from_array(sample.pose.position_m))
-}
-
-impl Place {
-    /// The given parts over `map`.
-    fn over(&self, mut map: WorkspaceMap) -> WorkspaceMap {
-        if let Some([w, x, y, z]) = self.rotation {
-            map.rotation = glam::DQuat::from_xyzw(x, y, z, w);
+        if watched.told.elapsed() >= TOLD_EVERY {
+            watched.told = Instant::now();
+            let summary = Box::new(session.summary());
+            let idle = summary.stages.get("idle").copied().unwrap_or_default();
+            if std::mem::replace(&mut watched.idle, idle) < idle {
+                self.teller.tell(News::Note(format!("{}: {IDLE}", device())));
+            }
+            self.teller.tell(News::Live { device: device(), summary });
         }
-        map.scale = self.scale.unwrap_or(map.scale);
-        map.clutch = self.clutch.or(map.clutch);
-        map.offset_m = self.offset_m.unwrap_or(map.offset_m);
-        map
-    }
-
-    /// The given parts; if the offset is not among them, the handle's present place is put above the body's top.
-    fn above_top(&self, device: &mut Opened, body: &dyn BodySource) -> Result<WorkspaceMap> {
-        let mut map = self.over(WorkspaceMap::default());
-        if self.offset_m.is_none() {
-            let above = palpate_runtime::motion::top(body)?
-                + DVec3::Z * (ABOVE + body.model_header().tool().radius_m());
-            map.offset_m = above - map.rotation * first_place(device)? * map.scale;
+        if let Some(what) = session.recording_trouble() {
+            self.teller.tell(News::Note(format!("{}: {what}", device())));
         }
-        Ok(map)
     }
-}
 
-/// As `--ablate` names it.
-pub fn ablation_name(ablation: Ablation) -> &'static str {
-    match ablation {
-        Ablation::None => "none",
-        Ablation::Coordinates => "coordinates",
-        Ablation::Responses => "responses",
-        Ablation::Both => "both",
+    fn ended(&mut self, _: usize, outcome: &Outcome) {
+        // The others go on, and their hands should know.
+        if !outcome.report.end.is_well() && self.watched.len() > 1 {
+            let words = format!("{}: its loop has ended: {}", outcome.device, outcome.report.end);
+            self.teller.tell(News::Note(words));
+        }
     }
 }
 
 /// What is reported while loops run.
 enum News {
-    Live { device: String, summary: Box<Summary> },
+    Live {
+        device: String,
+        summary: Box<Summary>,
+    },
+    State {
+        device: String,
+        record: Box<Record>,
+    },
     Note(String),
+    /// All before it is told.
+    Told(SyncSender<()>),
 }
 
 /// Tells it from a thread of its own: where nobody reads, telling may take forever, and who watches the loops can't wait for that.
@@ -451,7 +202,7 @@ struct Teller {
 
 impl Teller {
     fn start(json: bool) -> Result<Self> {
-        let (news, heard) = sync_channel(64);
+        let (news, heard) = sync_channel(256);
         let telling = move || heard.iter().try_for_each(|news| say(&news, json));
         let thread = std::thread::Builder::new().name("palpate-teller".into());
         // What can't be told is found out again with the last lines.
@@ -462,6 +213,13 @@ impl Teller {
     /// Leaves it out if what was told before has not been read.
     fn tell(&self, news: News) {
         let _ = self.news.try_send(news);
+    }
+
+    /// Waits until what was told is read, but no longer than this.
+    fn catch_up(&self, patience: Duration) {
+        let (told, heard) = sync_channel(1);
+        self.tell(News::Told(told));
+        let _ = heard.recv_timeout(patience);
     }
 
     /// Waits until all is told.
@@ -479,6 +237,12 @@ fn say(news: &News, json: bool) -> Result<()> {
             console::note(what);
             return Ok(());
         }
+        News::Told(told) => {
+            // Who asked may have given up.
+            let _ = told.try_send(());
+            return Ok(());
+        }
+        News::State { device, record } => return state(device, record),
         News::Live { device, summary } => (device, summary),
     };
     if json {
@@ -496,17 +260,37 @@ fn say(news: &News, json: bool) -> Result<()> {
     Ok(())
 }
 
-fn tell(device: String, report: &Report, finished: Finished, plan: &LivePlan) -> Told {
+fn state(device: &str, r: &Record) -> Result<()> {
+    let state = State {
+        device,
+        time_s: r.time_s,
+        position_m: r.tool_position_m,
+        orientation: r.tool_orientation,
+        force_n: r.force_n,
+        torque_nm: r.torque_nm,
+        command_force_n: r.command_force_n,
+        command_torque_nm: r.command_torque_nm,
+        contact_m: (r.element != Record::NONE).then_some(r.contact_position_m),
+        delta_z_m: r.delta_z_m,
+        delta_r_m: r.delta_r_m,
+        flags: r.engine().names().chain(r.stages().names()).collect(),
+    };
+    console::text(&format!("{}\n", serde_json::to_string(&state)?))
+}
+
+fn tell(outcome: Outcome) -> Told {
+    let Outcome { device, report, finished, rate_hz, is_recorded } = outcome;
     let faults = report.page_faults;
     Told {
         device,
         end: report.end.to_string(),
+        end_kind: report.end.kind(),
         well: report.end.is_well(),
-        rate_hz: plan.settings.rate_hz,
+        rate_hz,
         statistics: finished.summary,
         page_faults: faults.minor + faults.major,
         fenced: report.haptics.as_ref().map_or(0, |h| h.contact().counters().fenced),
-        recorded: (!plan.record.is_empty()).then_some(finished.written),
+        recorded: is_recorded.then_some(finished.written),
         recording_trouble: finished.trouble,
     }
 }

@@ -52,6 +52,10 @@ fn main() -> ExitCode {
             palpate_cli::console::complain(&message);
             ExitCode::from(3)
         }
+        Err(Failure::Loop(message)) => {
+            palpate_cli::console::complain(&message);
+            ExitCode::from(4)
+        }
         Err(Failure::Interrupted(message)) => {
             palpate_cli::console::complain(&message);
             ExitCode::from(130)

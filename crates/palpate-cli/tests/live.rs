@@ -380,7 +380,7 @@ fn a_device_that_fails_ends_the_others_loop_too() {
     let plan = LivePlan {
         body: file,
         settings: Settings {
-            real_time: RealTime { priority: None, own_core: false, ..settings.real_time },
+            real_time: RealTime { priority: None, core: None, ..settings.real_time },
             patience: Patience { late_s: 10.0, pose_s: 10.0, finder_s: 10.0, ..settings.patience },
             ..settings
         },

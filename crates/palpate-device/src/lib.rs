@@ -27,6 +27,7 @@
 //! right, y away from the operator, z up. Drivers whose vendor uses other axes or units convert.
 
 /// What the exchange between threads is made of: under loom, in the tests, it is loom's.
+#[cfg(feature = "vendors")]
 mod shared {
     pub use std::sync::Arc;
     pub use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
@@ -45,9 +46,11 @@ mod frame;
 mod haply;
 #[cfg(feature = "vendors")]
 mod latch;
+#[cfg(feature = "vendors")]
 mod latest;
 #[cfg(feature = "vendors")]
 mod library;
+#[cfg(feature = "vendors")]
 mod limit;
 #[cfg(feature = "vendors")]
 mod openhaptics;

@@ -192,7 +192,7 @@ impl Contact {
 
     /// A contact on a part of a body, such as a [`Patch`](palpate_body::Patch), which must be prepared for the slip rule.
     pub fn on(model: &ContactModel, rule: SlipRule, ablation: Ablation) -> Self {
-        let setting = Setting { ablation, radius_m: model.tool().radius_m() };
+        let setting = Setting { ablation, radius_m: model.tool().radius_m(), friction_scale: 1.0 };
         let (energy, counters) = (Ledger::default(), Counters::default());
         Contact {
             body: model.identity(),
@@ -211,6 +211,22 @@ impl Contact {
     pub fn with_tank(mut self, tank: bool) -> Self {
         self.tank = tank;
         self
+    }
+
+    /// Goes over to another slip rule, which the body must have been prepared for.
+    pub fn set_slip_rule(&mut self, rule: SlipRule) {
+        self.rule = rule;
+        self.guess = Guess::default();
+    }
+
+    /// Multiplies the body's friction coefficients, from the next step on; 1 at first. Negative and what is no number count as 0.
+    pub fn set_friction_scale(&mut self, scale: f64) {
+        self.setting.friction_scale = if scale > 0.0 && scale.is_finite() { scale } else { 0.0 };
+    }
+
+    /// What the body's friction coefficients are multiplied by.
+    pub fn friction_scale(&self) -> f64 {
+        self.setting.friction_scale
     }
 
     /// The slip rule in force.

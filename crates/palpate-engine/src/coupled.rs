@@ -217,7 +217,7 @@ impl ForceLaw for Coupled {
         f: &Evaluation,
         change: &Change,
     ) -> Drift {
-        let Change { u, du, d_depth, d_tangential, v, .. } = *change;
+        let Change { u, du, d_depth, d_tangential, v, friction_scale, .. } = *change;
         points.look_up(model, nodes, f.depth);
         let (t, deflection) = (points.interval.distance(f.depth), self.deflection);
         // Derivatives by δz and by the three directions of space; and the change of what the place blends.
@@ -264,10 +264,10 @@ impl ForceLaw for Coupled {
         Drift {
             force: u * d_normal + du * f.normal + d_lateral,
             normal_slope: greatest,
-            limit_slope,
+            limit_slope: limit_slope * friction_scale,
             lateral_stiffness: greatest,
             lateral_force_gradient: (stiffness * f.u_t).length(),
-            eta: d_limit - d_lateral.dot(v),
+            eta: d_limit * friction_scale - d_lateral.dot(v),
         }
     }
 

@@ -251,10 +251,10 @@ impl<M: Metric> ForceLaw for M {
         Drift {
             force: change.u * d_normal + change.du * f.normal + a + b,
             normal_slope: normal.slope,
-            limit_slope,
+            limit_slope: limit_slope * change.friction_scale,
             lateral_stiffness: lateral.stiffness,
             lateral_force_gradient: lateral.lateral_force_gradient,
-            eta: limit - lateral.lateral_force,
+            eta: limit * change.friction_scale - lateral.lateral_force,
         }
     }
 

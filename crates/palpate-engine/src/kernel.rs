@@ -29,6 +29,8 @@ pub(crate) struct Setting {
     pub ablation: Ablation,
     /// Radius of the spherical tool, m; 0 for a point.
     pub radius_m: f64,
+    /// What multiplies the body's friction coefficients.
+    pub friction_scale: f64,
 }
 
 impl Setting {
@@ -194,7 +196,7 @@ impl<'a, L: ForceLaw> ElementKernel<'a, L> {
             normal,
             lateral_force,
             lateral_slope,
-            limit,
+            limit: limit * self.setting.friction_scale,
             energy,
         }
     }
@@ -258,7 +260,8 @@ impl<'a, L: ForceLaw> ElementKernel<'a, L> {
         // (5) is linear in the area coordinates: their rates blend the coefficients' own gradient.
         let blending = self.response_coordinates(n);
         let along = if self.setting.interpolates_responses() { r } else { [0.0; 3] };
-        let change = Change { blending, along, u, du, d_depth, d_tangential, v };
+        let friction_scale = self.setting.friction_scale;
+        let change = Change { blending, along, u, du, d_depth, d_tangential, v, friction_scale };
         self.stretch.drift(&mut self.coefficients, self.body, self.nodes, f, &change)
     }
 }
@@ -276,6 +279,8 @@ pub(crate) struct Change {
     pub d_tangential: DVec3,
     /// Direction in which c moves, a unit vector.
     pub v: DVec3,
+    /// See [`Setting::friction_scale`].
+    pub friction_scale: f64,
 }
 
 impl Evaluation {

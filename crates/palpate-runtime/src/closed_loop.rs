@@ -3,7 +3,7 @@
 use crate::ground::{Ground, ready};
 use crate::guard::Verdict;
 use crate::map::Mapping;
-use crate::{StageCounts, StageFlags, Stages, WorkspaceMap};
+use crate::{Coupling, Limit, StageCounts, StageFlags, Stages, WorkspaceMap};
 use glam::DVec3;
 use palpate_device::{Command, Device, Fault, Sample};
 use palpate_engine::{Contact, Output, ToolState};
@@ -27,6 +27,8 @@ pub struct HapticLoop {
     /// Whether the last command may not have reached the device.
     unwritten: bool,
     stopped: bool,
+    /// Whether a change asks for silence in the next period.
+    hushed: bool,
 }
 
 /// What a period saw and did.
@@ -84,6 +86,7 @@ impl HapticLoop {
             written_s: None,
             unwritten: false,
             stopped: false,
+            hushed: false,
         }
     }
 
@@ -125,6 +128,24 @@ impl HapticLoop {
     /// Ends a stop: the force ramps up anew.
     pub fn resume(&mut self) {
         self.stopped = false;
+    }
+
+    /// No force in the next period, within the slew limit; the force ramps up anew afterwards.
+    pub(crate) fn hush(&mut self) {
+        self.hushed = true;
+    }
+
+    /// Other limits. There must be no force: [`HapticLoop::is_silent`].
+    pub(crate) fn set_limits(&mut self, force: Limit, torque: Limit) {
+        (self.stages.force, self.stages.torque) = (force, torque);
+    }
+
+    /// Another contact and coupling, of another body; what was there comes back in their place. There must be no force.
+    pub(crate) fn replace_body(&mut self, contact: &mut Contact, coupling: &mut Option<Coupling>) {
+        std::mem::swap(&mut self.contact, contact);
+        std::mem::swap(&mut self.stages.coupling, coupling);
+        // The way from the last pose to the next belongs to neither.
+        self.port.last = None;
     }
 
     /// Whether the last command was zero, and the device took it.
@@ -259,7 +280,12 @@ impl HapticLoop {
         if unknown {
             self.stages.reset();
         }
-        let silence = unknown || !heard || flags.has(StageFlags::CLUTCHED) || self.stopped;
+        flags.set(StageFlags::CHANGING, self.hushed);
+        let silence = unknown
+            || std::mem::take(&mut self.hushed)
+            || !heard
+            || flags.has(StageFlags::CLUTCHED)
+            || self.stopped;
         let [force, torque] = [output.force_n, output.torque_nm].map(DVec3::from_array);
         let force = match &mut self.stages.coupling {
             Some(coupling) if flags.has(StageFlags::STEPPED) => coupling.force(force),

@@ -45,15 +45,19 @@ mod atomic {
 }
 
 mod closed_loop;
+mod config;
+mod controls;
 mod coupling;
 mod cycle;
 mod damping;
+mod device_choice;
 mod exchange;
 mod finder;
 mod flags;
 mod ground;
 mod guard;
 mod limit;
+mod live_session;
 mod map;
 pub mod motion;
 mod opened;
@@ -63,29 +67,39 @@ pub mod path;
 mod real_time;
 mod record;
 mod safety;
+pub mod sampled_data;
 mod session;
 mod soft_start;
 mod stages;
 mod statistics;
+mod supervise;
 mod timed;
 pub mod trace;
+mod virtual_session;
+mod wall_clock;
 mod watch;
 
 pub use closed_loop::{HapticLoop, Period, Port};
+pub use config::{ClockChoice, History, Placement, SessionConfig};
+pub use controls::{ControlError, Controls};
 pub use coupling::Coupling;
 pub use cycle::Cycle;
 pub use damping::Damping;
+pub use device_choice::{DeviceChoice, Drivers, ForceKey};
 pub use exchange::{Board, Mailbox};
 pub use finder::{Finder, PATCH_ELEMENTS, PatchHolder, patch_holder};
 pub use flags::{StageCounts, StageFlags};
 pub use ground::Ground;
 pub use guard::PoseGuard;
 pub use limit::Limit;
+pub use live_session::{
+    BodyIn, HeldDevice, LiveSession, Outcome, PreparedSession, SessionBody, SessionError, ablation_name, is_recording,
+};
 pub use map::WorkspaceMap;
 pub use opened::Opened;
 pub use page_faults::PageFaults;
 pub use passivity::PassivityController;
-pub use real_time::RealTime;
+pub use real_time::{MemoryLock, RealTime};
 pub use record::{
     BodyFile, CreateError, Ending, Field, Finished, Header, Map, OpenRecordingError, RECORDING_MAGIC, Record,
     Recorder, RecorderThread, Recording, RecordingFile, Records, Retrace, ring,
@@ -95,5 +109,7 @@ pub use session::{Prepared, Report, Session, Settings, StartError, Stopper};
 pub use soft_start::SoftStart;
 pub use stages::Stages;
 pub use statistics::{Percentiles, Statistics, Summary};
+pub use supervise::{Observer, supervise};
 pub use timed::Timed;
+pub use virtual_session::{LimitCycle, Limits, LoopSummary, Mechanics, Passivity, SampledData, run_held, run_virtual};
 pub use watch::{End, Patience};

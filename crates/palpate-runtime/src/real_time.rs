@@ -1,23 +1,28 @@
 //! What the operating system gives a haptic thread: a clock to sleep by, a priority, a core, and memory that stays.
 
-use palpate_body::BodySource;
+use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io;
+use std::sync::Arc;
 
 /// What a haptic thread asks for.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct RealTime {
     /// Of SCHED_FIFO, 1 to 98; `None` asks for nothing.
     pub priority: Option<u8>,
-    /// Whether it has the last of the machine's cores for its own, as far as that is this program's to say.
-    pub own_core: bool,
+    /// Which core it has for its own, as far as that is this program's to say: the last of those that the program may use is
+    /// 0, the one before it 1. Threads side by side should be given different ones. `None` for whichever is free.
+    pub core: Option<u32>,
+    /// Whether the program is locked in RAM, but for the body: see [`MemoryLock`].
+    pub lock_memory: bool,
     /// The last of the way to a deadline is busy-waited, s.
     pub spin_s: f64,
 }
 
 impl Default for RealTime {
     fn default() -> Self {
-        RealTime { priority: Some(80), own_core: true, spin_s: SPIN }
+        RealTime { priority: Some(80), core: Some(0), lock_memory: true, spin_s: SPIN }
     }
 }
 
@@ -30,6 +35,13 @@ impl RealTime {
     /// The usual, for this many periods a second.
     pub fn at(rate_hz: f64) -> Self {
         RealTime { spin_s: SPIN.min(SPIN_SHARE / rate_hz), ..RealTime::default() }
+    }
+}
+
+impl RealTime {
+    /// What is busy-waited in a loop of so many periods a second, s: the usual time only as far as a period allows it.
+    pub(crate) fn spin_at(&self, rate_hz: f64) -> f64 {
+        if self.spin_s == SPIN { RealTime::at(rate_hz).spin_s } else { self.spin_s }
     }
 }
 
@@ -56,8 +68,8 @@ impl RealTime {
                  and may be late",
             );
         }
-        if self.own_core {
-            ask("a core of its own", system::last_core(), "the loop runs on whichever core is free");
+        if let Some(nth) = self.core {
+            ask("a core of its own", system::core_from_last(nth), "the loop runs on whichever core is free");
         }
         (notes, Awake(self.priority.and_then(|_| system::awake())))
     }
@@ -67,14 +79,35 @@ impl RealTime {
 #[derive(Debug)]
 pub(crate) struct Awake(#[expect(dead_code, reason = "to be held, not read")] Option<File>);
 
-/// Locks what the program has in memory, but for the body, which may be larger than it; and tells if it was refused.
-pub(crate) fn lock_memory(body: &dyn BodySource) -> Option<String> {
-    let locked = system::lock_memory().and_then(|()| body.unlock_memory());
-    let refused = locked.err()?;
-    Some(format!(
-        "memory that stays in RAM was refused ({refused}): raise the limit on locked memory (`ulimit -l unlimited`, or \
-         memlock in /etc/security/limits.d)"
-    ))
+/// Keeps the program in RAM, and gives that back when the last clone is dropped. The lock is the whole program's: sessions side
+/// by side share one, since the end of another would unlock them all.
+#[derive(Debug, Clone)]
+pub struct MemoryLock(#[expect(dead_code, reason = "to be held, not read")] Arc<Locked>);
+
+#[derive(Debug)]
+struct Locked;
+
+impl MemoryLock {
+    /// Locks what the program has in memory now, and each further page of it once it has been touched.
+    ///
+    /// # Errors
+    /// The system refuses: with what to do about it.
+    pub fn new() -> Result<Self, String> {
+        system::lock_memory().map_err(|refused| {
+            format!(
+                "memory that stays in RAM was refused ({refused}): raise the limit on locked memory (`ulimit -l \
+                 unlimited`, or memlock in /etc/security/limits.d)"
+            )
+        })?;
+        Ok(MemoryLock(Arc::new(Locked)))
+    }
+}
+
+impl Drop for Locked {
+    fn drop(&mut self) {
+        // What can't be unlocked stays in RAM, which hurts nobody's force.
+        let _ = system::unlock_memory();
+    }
 }
 
 /// Fetches and locks the stack that a period may use.
@@ -124,7 +157,6 @@ mod system {
     use rustix::time::{Timespec, clock_gettime};
     use std::fs::File;
     use std::io::{self, Write};
-    use std::sync::atomic::{AtomicUsize, Ordering};
 
     pub fn now() -> u64 {
         let t = clock_gettime(ClockId::Monotonic);
@@ -144,6 +176,10 @@ mod system {
         mlockall(MlockAllFlags::CURRENT | MlockAllFlags::ONFAULT)?;
         let maps = std::fs::read_to_string("/proc/self/maps")?;
         maps.lines().filter_map(code).try_for_each(|(from, to)| lock_range(from, to - from))
+    }
+
+    pub fn unlock_memory() -> io::Result<()> {
+        Ok(rustix::mm::munlockall()?)
     }
 
     pub fn lock(bytes: &[u8]) -> io::Result<()> {
@@ -183,18 +219,16 @@ mod system {
         Some(latency)
     }
 
-    /// The last core that the thread may run on, and for each further thread the one before, as long as one is left for
-    /// everything else.
-    pub fn last_core() -> io::Result<()> {
-        static TAKEN: AtomicUsize = AtomicUsize::new(0);
+    /// Pins the calling thread to the `nth` core from the last of those that the program may use; the first stays for others.
+    pub fn core_from_last(nth: u32) -> io::Result<()> {
         let allowed = sched_getaffinity(None)?;
         if allowed.count() < 2 {
             return Ok(());
         }
-        let nth = TAKEN.fetch_add(1, Ordering::Relaxed) % (allowed.count() as usize - 1);
-        let last = (0..CpuSet::MAX_CPU).rev().filter(|&cpu| allowed.is_set(cpu)).nth(nth);
+        let nth = nth % (allowed.count() - 1);
+        let core = (0..CpuSet::MAX_CPU).rev().filter(|&cpu| allowed.is_set(cpu)).nth(nth as usize);
         let mut own = CpuSet::new();
-        last.into_iter().for_each(|cpu| own.set(cpu));
+        core.into_iter().for_each(|cpu| own.set(cpu));
         Ok(sched_setaffinity(None, &own)?)
     }
 }
@@ -226,6 +260,10 @@ mod system {
         missing()
     }
 
+    pub fn unlock_memory() -> io::Result<()> {
+        missing()
+    }
+
     pub fn lock(_: &[u8]) -> io::Result<()> {
         missing()
     }
@@ -234,7 +272,7 @@ mod system {
         missing()
     }
 
-    pub fn last_core() -> io::Result<()> {
+    pub fn core_from_last(_: u32) -> io::Result<()> {
         missing()
     }
 }

@@ -10,11 +10,12 @@
 //! The haptic thread touches the patch, the contact, the stages, the device and the ring; never the body, the disk, or
 //! anything that another thread might hold.
 
+use crate::controls::Inbox;
 use crate::finder::{Finder, PatchHolder, patch_holder};
-use crate::real_time::{Clock, RealTime, lock_memory};
+use crate::real_time::{Clock, MemoryLock, RealTime};
 use crate::record::{Record, Recorder};
 use crate::watch::{Alarm, End, Patience, Watch};
-use crate::{HapticLoop, Opened, PageFaults, Period, StageFlags, Timed};
+use crate::{Board, HapticLoop, Opened, PageFaults, Period, StageFlags, Timed};
 use palpate_body::{BodyError, BodySource};
 use palpate_device::{Command, Device, Fault, Pace};
 use palpate_engine::Flags;
@@ -93,6 +94,8 @@ struct Shared {
     /// What it said when it went.
     finder_words: OnceLock<String>,
     over: AtomicBool,
+    /// The latest record.
+    latest: Board<{ Record::BYTES / 8 }>,
 }
 
 /// A loop that is running. Dropped, it is stopped and waited for.
@@ -100,6 +103,10 @@ struct Shared {
 pub struct Session {
     shared: Arc<Shared>,
     haptic: Option<JoinHandle<Report>>,
+    pause: Duration,
+    /// Tells the finder that it is no longer asked.
+    retired: Arc<AtomicBool>,
+    _memory: Option<MemoryLock>,
 }
 
 /// A loop that only has to be started.
@@ -112,6 +119,9 @@ pub struct Prepared {
     notes: Vec<String>,
     patch_holder: PatchHolder,
     finder: Finder,
+    source: Arc<dyn BodySource>,
+    inbox: Option<Inbox>,
+    memory: Option<MemoryLock>,
 }
 
 /// Ends a session from elsewhere, such as a signal's handler.
@@ -156,9 +166,45 @@ impl Session {
         // Where it is tells where the first patch should be; a device that doesn't know yet may be anywhere.
         let place = device.read(0.0).map_or([0.0; 3], |s| haptics.map().body_from_device(&s.pose).position_m);
         let place = if place.iter().all(|x| x.is_finite()) { place } else { [0.0; 3] };
-        let notes = device.notes().iter().cloned().chain(lock_memory(&*body)).collect();
+        let notes = device.notes().to_vec();
+        let source = body.clone();
         let (patch_holder, finder) = patch_holder(body, place, settings.patch_elements)?;
-        Ok(Prepared { device, haptics, recorder, settings, notes, patch_holder, finder })
+        let prepared = Prepared {
+            device,
+            haptics,
+            recorder,
+            settings,
+            notes,
+            patch_holder,
+            finder,
+            source,
+            inbox: None,
+            memory: None,
+        };
+        Ok(if settings.real_time.lock_memory {
+            prepared.with_memory_lock(MemoryLock::new())
+        } else {
+            prepared
+        })
+    }
+
+    /// The latest period's record; `None` before the first.
+    pub fn latest(&self) -> Option<Record> {
+        // The writer is done in far less than a microsecond.
+        let (words, written) = (0..1000).find_map(|_| self.shared.latest.read())?;
+        (written > 0).then(|| bytemuck::must_cast(words))
+    }
+
+    /// Starts another finder's thread. It takes the place of the one there was with [`Session::retire`].
+    pub(crate) fn follow(&self, finder: Finder) -> Result<Arc<AtomicBool>, StartError> {
+        let retired = Arc::new(AtomicBool::new(false));
+        spawn_finder(self.shared.clone(), retired.clone(), finder, self.pause, find)?;
+        Ok(retired)
+    }
+
+    /// Lets the finder's thread go that there was, for the one that [`Session::follow`] has started.
+    pub(crate) fn retire(&mut self, follower: Arc<AtomicBool>) {
+        std::mem::replace(&mut self.retired, follower).store(true, Ordering::Release);
     }
 
     /// Something to stop it with.
@@ -185,6 +231,29 @@ impl Session {
 }
 
 impl Prepared {
+    /// What could not be had, a line each.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// Steered through `inbox`.
+    pub(crate) fn with_inbox(self, inbox: Inbox) -> Self {
+        Prepared { inbox: Some(inbox), ..self }
+    }
+
+    /// Held in RAM by `memory`, or a note why not.
+    pub(crate) fn with_memory_lock(mut self, memory: Result<MemoryLock, String>) -> Self {
+        match memory {
+            Ok(lock) => {
+                // The body may be larger than memory.
+                let _ = self.source.unlock_memory();
+                self.memory = Some(lock);
+            }
+            Err(refused) => self.notes.push(refused),
+        }
+        self
+    }
+
     /// Starts both threads.
     ///
     /// # Errors
@@ -196,23 +265,21 @@ impl Prepared {
     /// The same with another finder's thread than [`find`].
     fn start_with(
         self,
-        find: impl FnOnce(Finder, &Shared, Duration) + Send + 'static,
+        find: impl FnOnce(Finder, &Shared, &AtomicBool, Duration) + Send + 'static,
     ) -> Result<Session, StartError> {
-        let Prepared { device, haptics, recorder, settings, notes, patch_holder, finder } = self;
+        let Prepared {
+            device, haptics, recorder, settings, notes, patch_holder, finder, inbox, memory, ..
+        } = self;
         let shared = Arc::new(Shared::default());
-        thread::Builder::new().name("palpate-finder".into()).spawn({
-            let shared = shared.clone();
-            move || {
-                let _gone = Gone(&shared.finder_gone);
-                find(finder, &shared, Duration::from_secs_f64(settings.finder_pause_s));
-            }
-        })?;
+        let retired = Arc::new(AtomicBool::new(false));
+        let pause = Duration::from_secs_f64(settings.finder_pause_s);
+        spawn_finder(shared.clone(), retired.clone(), finder, pause, find)?;
         let haptic = thread::Builder::new().name("palpate-haptic".into()).spawn({
             let shared = shared.clone();
-            move || Haptic { shared, haptics, patch_holder, recorder, settings, notes }.run(device)
+            move || Haptic { shared, haptics, patch_holder, recorder, settings, notes, inbox }.run(device)
         });
         let haptic = haptic.inspect_err(|_| shared.over.store(true, Ordering::Release))?;
-        Ok(Session { shared, haptic: Some(haptic) })
+        Ok(Session { shared, haptic: Some(haptic), pause, retired, _memory: memory })
     }
 }
 
@@ -242,18 +309,37 @@ fn words(panic: &(dyn Any + Send)) -> String {
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "without a word".into())
 }
 
-/// Tells the haptic thread that the finder's has ended, however it did.
-struct Gone<'a>(&'a AtomicBool);
+/// Tells the haptic thread that the finder's has ended, however it did, unless another has taken its place.
+struct Gone<'a> {
+    shared: &'a Shared,
+    retired: &'a AtomicBool,
+}
 
 impl Drop for Gone<'_> {
     fn drop(&mut self) {
-        self.0.store(true, Ordering::Release);
+        if !self.retired.load(Ordering::Acquire) {
+            self.shared.finder_gone.store(true, Ordering::Release);
+        }
     }
 }
 
+fn spawn_finder(
+    shared: Arc<Shared>,
+    retired: Arc<AtomicBool>,
+    finder: Finder,
+    pause: Duration,
+    find: impl FnOnce(Finder, &Shared, &AtomicBool, Duration) + Send + 'static,
+) -> Result<(), StartError> {
+    thread::Builder::new().name("palpate-finder".into()).spawn(move || {
+        let _gone = Gone { shared: &shared, retired: &retired };
+        find(finder, &shared, &retired, pause);
+    })?;
+    Ok(())
+}
+
 /// The contact finder's thread.
-fn find(mut finder: Finder, shared: &Shared, pause: Duration) {
-    while !shared.over.load(Ordering::Acquire) {
+fn find(mut finder: Finder, shared: &Shared, retired: &AtomicBool, pause: Duration) {
+    while !shared.over.load(Ordering::Acquire) && !retired.load(Ordering::Acquire) {
         match finder.look() {
             Ok(true) => {}
             Ok(false) => thread::sleep(pause),
@@ -274,6 +360,7 @@ struct Haptic {
     settings: Settings,
     /// What was refused before the threads began.
     notes: Vec<String>,
+    inbox: Option<Inbox>,
 }
 
 /// How the periods ended, as plain data.
@@ -342,6 +429,9 @@ impl Haptic {
             if !paced {
                 clock.sleep(due, spin);
             }
+            if let Some(inbox) = &mut self.inbox {
+                inbox.attend(&mut self.haptics, &mut self.patch_holder);
+            }
             self.patch_holder.renew(self.haptics.contact_mut());
             if !paced {
                 // The time is there; the caches are cold after a sleep.
@@ -394,6 +484,7 @@ impl Haptic {
         record.read_ns = read_ns as u32;
         record.write_ns = write_ns as u32;
         record.step_ns = took as u32;
+        self.shared.latest.write(bytemuck::must_cast_ref(&record));
         self.recorder.push(&record);
         tally.began = began;
         tally.periods += 1;

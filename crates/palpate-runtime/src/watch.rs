@@ -1,10 +1,12 @@
 //! The watchdogs: what ends a loop before its time.
 
 use palpate_device::Fault;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// How long what is wrong may last.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Patience {
     /// Without a new pose from the device, s.
     pub pose_s: f64,
@@ -48,6 +50,22 @@ pub enum End {
 }
 
 impl End {
+    /// A word for it that stays the same, whatever the message says.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            End::Done => "done",
+            End::Ended => "ended",
+            End::Asked(_) => "asked",
+            End::Device(_) => "device",
+            End::Stale(_) => "stale",
+            End::Late(_) => "late",
+            End::FinderSilent(_) => "finder-silent",
+            End::Body(_) => "body",
+            End::FinderDead => "finder-dead",
+            End::Panic(_) => "panic",
+        }
+    }
+
     /// Whether it went as it should.
     pub fn is_well(&self) -> bool {
         matches!(self, End::Done | End::Ended | End::Asked(_))

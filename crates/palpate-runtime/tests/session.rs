@@ -136,7 +136,7 @@ fn rigged(mishap: Mishap, place: DVec3) -> (Rigged, Arc<Mutex<Log>>) {
 fn settings(seconds: f64) -> Settings {
     Settings {
         seconds: Some(seconds),
-        real_time: RealTime { priority: None, own_core: false, spin_s: 0.0 },
+        real_time: RealTime { priority: None, core: None, lock_memory: true, spin_s: 0.0 },
         patience: Patience { late_s: 5.0, finder_s: 5.0, ..Patience::default() },
         ..Settings::new(1000.0)
     }

@@ -116,7 +116,7 @@ fn the_haptic_thread_of_a_session_allocates_and_frees_nothing() {
         let settings = Settings {
             seconds: Some(1.5),
             patch_elements: 200,
-            real_time: RealTime { priority: None, own_core: false, spin_s: 0.0 },
+            real_time: RealTime { priority: None, core: None, lock_memory: true, spin_s: 0.0 },
             patience: Patience { late_s: 5.0, finder_s: 5.0, pose_s: 5.0, ..Patience::default() },
             ..Settings::new(1000.0)
         };

@@ -1,7 +1,7 @@
 //! `palpate export`.
 
 use super::Failure;
-use crate::{console, live, tables, vtu};
+use crate::{console, tables, vtu};
 use anyhow::anyhow;
 use palpate_body::Body;
 use palpate_files as files;
@@ -40,7 +40,7 @@ pub struct Args {
 /// # Errors
 /// See [`Failure`].
 pub fn run(args: &Args) -> Result<(), Failure> {
-    if live::is_recording(&args.body)? {
+    if palpate_runtime::is_recording(&args.body)? {
         return recording(args);
     }
     let body = Body::open(&args.body)?;

@@ -6,10 +6,10 @@ pub mod demo;
 pub mod export;
 pub mod fit;
 pub mod inspect;
-mod live;
 pub mod merge;
 pub mod precompute;
 pub mod run;
+mod run_options;
 pub mod trace;
 pub mod validate;
 
@@ -66,6 +66,8 @@ pub enum Failure {
     Input(anyhow::Error),
     /// A check fell short: exit status 3.
     Check(String),
+    /// A loop ended badly, a device or a watchdog: exit status 4.
+    Loop(String),
     /// A signal stopped it, and what is done is kept: exit status 130.
     Interrupted(String),
 }

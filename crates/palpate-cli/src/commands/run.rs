@@ -1,15 +1,18 @@
 //! `palpate run`.
 
 use super::Failure;
-use crate::closed_loop::{self, LoopSummary, Setup};
-use crate::console;
-use anyhow::{anyhow, bail};
+use super::run_options::{self, LiveArgs};
+use crate::{console, live};
+use anyhow::{Result, anyhow, bail};
 use palpate_body::Body;
 use palpate_device::presets;
-use palpate_engine::Ablation;
 use palpate_files as files;
-use palpate_runtime::motion::{MotionScript, NAMES};
+use palpate_runtime::motion::NAMES;
 use palpate_runtime::trace::{COLUMNS, count, write_row};
+use palpate_runtime::{
+    BodyIn, ClockChoice, DeviceChoice, LoopSummary, MemoryLock, PreparedSession, SessionBody, SessionConfig,
+    run_virtual,
+};
 use std::path::{Path, PathBuf};
 
 /// Close the loop: a device, a hand and a body
@@ -21,39 +24,44 @@ use std::path::{Path, PathBuf};
 /// all that the loop saw and did, which `palpate trace` repeats to the bit and `palpate export` makes tables of.
 ///
 /// A simulated device is a tool of mass, damping and friction in a hand that presses, drags, circles or taps. With
-/// --virtual-time it runs deterministic and much faster than the clock; then the summary tells energies (of the
-/// engine's port, the ledger, the device, the hand), limit cycles while the hand rests, and the largest step of the
-/// force, and --record writes a Trace CSV.
+/// --virtual-time it runs deterministic and much faster than the clock, with the same limits; then the summary tells
+/// energies (of the engine's port, the ledger, the device, the hand), limit cycles while the hand rests, and the largest
+/// step of the force, and --record writes a Trace CSV.
+///
+/// All of it can stand in a file, --config run.toml; options go before what is there.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  \
     palpate run liver.body --device dhd --force-max-n 2 --record first-touch.rec\n  \
     palpate run liver.body --device simulated --seconds 10\n  \
+    palpate run liver.body --config bench.toml --json --stream-hz 60\n  \
     palpate run liver.body --device simulated --virtual-time --preset touch --intent drag --record drag.csv\n\n\
-    Exit status: 0 done, 1 wrong input or a device that failed, 2 wrong usage.")]
+    Exit status: 0 done, 1 wrong input, 2 wrong usage, 3 --strict and something could not be had, 4 a loop ended badly: a \
+    device that failed, a watchdog that tripped.")]
 pub struct Args {
     /// Body file
     pub(super) body: PathBuf,
     /// What is in the hand: simulated[:PRESET], dhd[:INDEX], openhaptics[:NAME], haply[:ID] or replay:FILE (a recording or
     /// a Path CSV); may be given again for another hand
-    #[arg(long, value_name = "KIND", required = true, value_parser = DeviceName::parse)]
-    pub(super) device: Vec<DeviceName>,
+    #[arg(long, value_name = "KIND", required_unless_present = "config")]
+    pub(super) device: Vec<DeviceChoice>,
+    /// Settings from a TOML file: docs/session.md
+    #[arg(long, value_name = "FILE")]
+    pub(super) config: Option<PathBuf>,
     /// A simulated device without a clock, as fast as the machine can
     #[arg(long)]
     virtual_time: bool,
-    /// Which device is simulated
-    #[arg(long, value_name = "NAME", value_parser = clap::builder::PossibleValuesParser::new(presets::DEVICES),
-          default_value = "touch")]
-    pub(super) preset: String,
-    /// Whose hand holds it
-    #[arg(long, value_name = "NAME", value_parser = clap::builder::PossibleValuesParser::new(presets::HANDS),
-          default_value = "fingers")]
-    pub(super) hand: String,
-    /// What the hand does: press, drag, circle, tap, hold, or a TOML file
-    #[arg(long, value_name = "FILE|NAME", default_value = "drag")]
-    pub(super) intent: String,
-    /// Periods a second
-    #[arg(long, value_name = "N", default_value_t = 1000.0)]
-    pub(super) rate_hz: f64,
+    /// Which device is simulated [default: touch]
+    #[arg(long, value_name = "NAME", value_parser = clap::builder::PossibleValuesParser::new(presets::DEVICES))]
+    pub(super) preset: Option<String>,
+    /// Whose hand holds it [default: fingers]
+    #[arg(long, value_name = "NAME", value_parser = clap::builder::PossibleValuesParser::new(presets::HANDS))]
+    pub(super) hand: Option<String>,
+    /// What the hand does: press, drag, circle, tap, hold, or a TOML file [default: drag]
+    #[arg(long, value_name = "FILE|NAME")]
+    pub(super) intent: Option<String>,
+    /// Periods a second [default: 1000]
+    #[arg(long, value_name = "N")]
+    pub(super) rate_hz: Option<f64>,
     /// How long; without it, as long as the motion script or replay, and with a real device until a signal comes
     #[arg(long, value_name = "S")]
     pub(super) seconds: Option<f64>,
@@ -66,6 +74,9 @@ pub struct Args {
     /// Let slip give out energy, where the body's tank would hold it back
     #[arg(long)]
     pub(super) no_tank: bool,
+    /// Multiply the body's friction coefficients by this
+    #[arg(long, value_name = "X")]
+    pub(super) friction_scale: Option<f64>,
     /// Touch the body through a virtual coupling of this stiffness
     #[arg(long, value_name = "K")]
     pub(super) coupling_n_per_m: Option<f64>,
@@ -78,39 +89,11 @@ pub struct Args {
     /// Print the output as JSON
     #[arg(long)]
     pub(super) json: bool,
+    /// With --json, a line with poses and forces this many times a second
+    #[arg(long, value_name = "N", requires = "json")]
+    stream_hz: Option<f64>,
     #[command(flatten)]
-    pub(super) live: super::live::LiveArgs,
-}
-
-/// A device as `--device` names it, and which one of its kind.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) enum DeviceName {
-    Simulated(Option<String>),
-    Dhd(Option<u8>),
-    OpenHaptics(Option<String>),
-    Haply(Option<String>),
-    Replay(PathBuf),
-}
-
-impl DeviceName {
-    fn parse(text: &str) -> Result<Self, String> {
-        let (kind, which) = text.split_once(':').map_or((text, None), |(k, w)| (k, Some(w)));
-        let name = which.map(String::from);
-        match (kind, which) {
-            (_, Some("")) => Err(format!("nothing comes after {kind}:")),
-            ("simulated", _) => Ok(DeviceName::Simulated(name)),
-            ("openhaptics", _) => Ok(DeviceName::OpenHaptics(name)),
-            ("haply", _) => Ok(DeviceName::Haply(name)),
-            ("replay", Some(file)) => Ok(DeviceName::Replay(file.into())),
-            ("replay", None) => Err("name the file: replay:FILE".into()),
-            ("dhd", None) => Ok(DeviceName::Dhd(None)),
-            ("dhd", Some(index)) => match index.parse() {
-                Ok(index) => Ok(DeviceName::Dhd(Some(index))),
-                Err(_) => Err(format!("{index} is no device's number; count from 0")),
-            },
-            _ => Err("give simulated, dhd, openhaptics, haply or replay:FILE".into()),
-        }
-    }
+    pub(super) live: LiveArgs,
 }
 
 /// Runs the command.
@@ -118,38 +101,103 @@ impl DeviceName {
 /// # Errors
 /// See [`Failure`].
 pub fn run(args: &Args) -> Result<(), Failure> {
-    if !args.virtual_time {
-        return super::live::run(args);
+    let configs = run_options::configs(args)?;
+    match &configs[..] {
+        [config] if config.clock == ClockChoice::Virtual => virtual_time(args, config),
+        configs if configs.iter().all(|c| c.clock == ClockChoice::Real) => against_the_clock(args, configs),
+        _ => Err(anyhow!("--virtual-time: give one simulated device, and at most one file to record").into()),
     }
-    if !matches!(args.device.as_slice(), [DeviceName::Simulated(_)]) || args.record.len() > 1 {
-        return Err(
-            anyhow!("--virtual-time: give one simulated device, and at most one file to record").into()
-        );
+}
+
+impl Args {
+    /// Whether virtual time was asked for by option.
+    pub(super) fn is_virtual(&self) -> bool {
+        self.virtual_time
     }
-    let mut inputs = vec![args.body.as_path()];
-    // A built-in intent's name is no file's.
-    if !NAMES.contains(&args.intent.as_str()) {
-        inputs.push(Path::new(&args.intent));
+
+    /// The files that are read.
+    fn inputs<'a>(&'a self, configs: &'a [SessionConfig]) -> Vec<&'a Path> {
+        let mut inputs: Vec<&Path> = vec![&self.body];
+        inputs.extend(self.config.as_deref());
+        for config in configs {
+            match &config.device {
+                DeviceChoice::Replay(file) => inputs.push(file),
+                // A built-in intent's name is no file's.
+                DeviceChoice::Simulated(_) if !NAMES.contains(&config.motion.as_str()) => {
+                    inputs.push(Path::new(&config.motion));
+                }
+                _ => {}
+            }
+        }
+        inputs
     }
-    files::refuse_overwrite(&args.record.iter().collect::<Vec<_>>(), &inputs)?;
+}
+
+fn against_the_clock(args: &Args, configs: &[SessionConfig]) -> Result<(), Failure> {
+    let records: Vec<&PathBuf> = configs.iter().filter_map(|c| c.record.as_ref()).collect();
+    files::refuse_overwrite(&records, &args.inputs(configs))?;
+    if let Some(csv) = records.iter().find(|f| f.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"))) {
+        return Err(anyhow!(
+            "--record {}: a recording is no CSV; name it otherwise, and make tables of it with `palpate export`",
+            csv.display()
+        )
+        .into());
+    }
+    if let Some(hz) = args.stream_hz.filter(|hz| !(0.01..=1000.0).contains(hz)) {
+        return Err(anyhow!("--stream-hz {hz}: give a rate from 0.01 to 1,000 Hz").into());
+    }
+    let slip = configs.first().and_then(|c| c.slip);
+    let body = SessionBody::open(&args.body, slip, args.live.body_in.map(Into::into), !records.is_empty())?;
+    // One for all: the end of one session's own would unlock the others.
+    let memory = configs.iter().any(|c| c.real_time.lock_memory).then(MemoryLock::new);
+    let is_asked = live::signals()?;
+    let mut prepared = Vec::new();
+    for config in configs {
+        if !is_asked() {
+            let mut session = PreparedSession::new(body.clone(), config.clone(), memory.clone())?;
+            if prepared.is_empty() && let Some(Err(refused)) = &memory {
+                session.note(refused.clone());
+            }
+            prepared.push(session);
+        }
+    }
+    if is_asked() {
+        console::note("a signal asked for the end before it began");
+        return Ok(());
+    }
+    let told = live::run(prepared, &is_asked, args.json, args.stream_hz)?;
+    for told in &told {
+        if args.json {
+            console::text(&format!("{}\n", serde_json::to_string(told)?))?;
+        } else {
+            console::text(&told.table())?;
+        }
+    }
+    match told.iter().find(|told| !told.well) {
+        Some(told) => Err(Failure::Loop(format!("{}: {}", told.device, told.end))),
+        None => Ok(()),
+    }
+}
+
+fn virtual_time(args: &Args, config: &SessionConfig) -> Result<(), Failure> {
+    if args.stream_hz.is_some() {
+        return Err(anyhow!("--stream-hz: virtual time has no rate to watch at; --record has every period").into());
+    }
+    files::refuse_overwrite(&config.record.iter().collect::<Vec<_>>(), &args.inputs(std::slice::from_ref(config)))?;
     let body = Body::open(&args.body)?;
-    let setup = setup(args, &body)?;
-    let ablation = setup.ablation;
-    let summary = match args.record.first() {
-        None => closed_loop::run(&body, setup, |_, _| Ok(()))?,
+    let summary = match &config.record {
+        None => run_virtual(&body, config, |_, _| Ok(()))?,
         Some(path) => {
             let mut summary = None;
             files::replace_or_stream(path, |out| {
                 writeln!(out, "{COLUMNS}")?;
-                summary = Some(closed_loop::run(&body, setup, |waypoint, output| {
-                    write_row(out, waypoint, output)
-                })?);
+                summary = Some(run_virtual(&body, config, |waypoint, output| write_row(out, waypoint, output))?);
                 Ok(())
             })?;
             summary.unwrap_or_default()
         }
     };
-    for warning in summary.warnings(&body, ablation) {
+    for warning in summary.warnings(&body, config.ablation) {
         console::note(&warning);
     }
     if args.json {
@@ -158,46 +206,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         console::text(&told(&summary))?
     }
     Ok(())
-}
-
-/// What goes for both clocks.
-pub(super) fn check(args: &Args) -> anyhow::Result<()> {
-    if args.seconds.is_some_and(|s| !(s > 0.0 && s <= 1e5)) {
-        bail!("--seconds {}: give a time above 0, up to 100,000 s", args.seconds.unwrap_or_default());
-    }
-    if args.coupling_n_per_m.is_some_and(|k| !(k > 0.0 && k <= 1e7)) {
-        bail!("--coupling-n-per-m: give a stiffness above 0, up to 10,000,000 N/m");
-    }
-    Ok(())
-}
-
-fn setup(args: &Args, body: &Body) -> anyhow::Result<Setup> {
-    if !(args.rate_hz >= 10.0 && args.rate_hz <= 1e6) {
-        bail!("--rate-hz {}: give a rate from 10 to 1,000,000 Hz", args.rate_hz);
-    }
-    check(args)?;
-    let intent = MotionScript::find(&args.intent, body)?;
-    let preset = match args.device.first() {
-        Some(DeviceName::Simulated(Some(preset))) => preset,
-        _ => &args.preset,
-    };
-    let mut capabilities = presets::device(preset)
-        .ok_or_else(|| anyhow!("--device simulated:{preset}: give one of {}", presets::DEVICES.join(", ")))?;
-    intent.adjust(&mut capabilities);
-    let (hand, _) = presets::hand(&args.hand)
-        .ok_or_else(|| anyhow!("--hand {}: give one of {}", args.hand, presets::HANDS.join(", ")))?;
-    Ok(Setup {
-        capabilities,
-        hand: intent.hand.unwrap_or(hand),
-        intent,
-        rate_hz: args.rate_hz,
-        seconds: args.seconds,
-        slip: args.slip.map(super::Slip::rule),
-        no_tank: args.no_tank,
-        ablation: args.ablate.map_or(Ablation::None, super::Ablate::ablation),
-        coupling_n_per_m: args.coupling_n_per_m,
-        passivity: args.passivity,
-    })
 }
 
 /// The summary in words.
@@ -220,7 +228,9 @@ fn told(s: &LoopSummary) -> String {
         ("by the hand".into(), mj(s.mechanics.hand_damper_j)),
         ("work of the hand".into(), mj(s.mechanics.hand_j)),
         ("limit cycles".into(), s.limit_cycles.len().to_string()),
-        ("commands at the force limit".into(), s.saturations.to_string()),
+        ("largest force allowed".into(), format!("{} N", s.limits.force_max_n)),
+        ("commands at that limit".into(), s.stages.get("saturated").copied().unwrap_or_default().to_string()),
+        ("at the device's own".into(), s.saturations.to_string()),
     ];
     if let Some(p) = &s.passivity {
         rows.push(("passivity controller acted in".into(), count(p.active, "period")));
@@ -228,4 +238,27 @@ fn told(s: &LoopSummary) -> String {
     let rows: Vec<Vec<String>> =
         rows.into_iter().map(|(name, value): (String, String)| vec![name, value]).collect();
     console::table(&rows)
+}
+
+/// Where a body is while loops run on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Where {
+    /// All of it in memory.
+    Memory,
+    /// In its file, of which patches are read.
+    File,
+}
+
+impl From<Where> for BodyIn {
+    fn from(place: Where) -> Self {
+        match place {
+            Where::Memory => BodyIn::Memory,
+            Where::File => BodyIn::File,
+        }
+    }
+}
+
+/// Something given that has no use here.
+pub(super) fn refuse(option: &str, why: &str) -> Result<()> {
+    bail!("{option}: {why}; leave it out")
 }

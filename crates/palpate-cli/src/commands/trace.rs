@@ -1,7 +1,7 @@
 //! `palpate trace`.
 
 use super::Failure;
-use crate::{console, live};
+use crate::console;
 use anyhow::{anyhow, bail};
 use palpate_body::{Body, SlipRule};
 use palpate_engine::Waypoint;
@@ -10,7 +10,7 @@ use palpate_engine::{Ablation, Contact, Output};
 use palpate_files as files;
 use palpate_runtime::path;
 use palpate_runtime::trace::{COLUMNS, TraceSummary, count, write_row};
-use palpate_runtime::{Ending, Record, Recording, Retrace};
+use palpate_runtime::{Ending, Record, Recording, Retrace, SessionBody};
 use std::path::PathBuf;
 
 /// Lead the tool along a path and write down every force
@@ -54,7 +54,7 @@ pub struct Args {
     rate_hz: Option<f64>,
     /// Where the body of a recording is while its steps are repeated [default: in its file from 1,048,576 triangles on]
     #[arg(long, value_enum, value_name = "WHERE")]
-    body_in: Option<live::BodyIn>,
+    body_in: Option<super::run::Where>,
     /// Print a summary as JSON
     #[arg(long)]
     json: bool,
@@ -66,7 +66,7 @@ pub struct Args {
 /// See [`Failure`].
 pub fn run(args: &Args) -> Result<(), Failure> {
     files::refuse_overwrite(&[&args.output], &[&args.body, &args.path])?;
-    let recorded = live::is_recording(&args.path)?;
+    let recorded = palpate_runtime::is_recording(&args.path)?;
     let as_recorded = args.slip.is_none() && !args.no_tank && args.ablate.is_none() && args.rate_hz.is_none();
     if recorded && as_recorded {
         return retrace(args);
@@ -137,13 +137,13 @@ fn retrace(args: &Args) -> Result<(), Failure> {
     }
     let rule = SlipRule::ALL.into_iter().find(|r| r.name() == header.slip);
     let ablations = [Ablation::None, Ablation::Coordinates, Ablation::Responses, Ablation::Both];
-    let ablation = ablations.into_iter().find(|a| live::ablation_name(*a) == header.ablation);
+    let ablation = ablations.into_iter().find(|a| palpate_runtime::ablation_name(*a) == header.ablation);
     let (Some(rule), Some(ablation)) = (rule, ablation) else {
         return Err(
             anyhow!("{name}: it names a slip rule or ablation that this version does not know").into()
         );
     };
-    let (body, _) = live::open_body(&args.body, Some(rule), args.body_in, false)?;
+    let body = SessionBody::open(&args.body, Some(rule), args.body_in.map(Into::into), false)?.source;
     let contact = Contact::on(body.model_header(), rule, ablation).with_tank(header.tank);
     let mut again = Retrace::new(&*body, contact);
     let mut summary = TraceSummary::default();

@@ -1,9 +1,11 @@
 //! From the haptic thread, through a ring, to a thread that may wait for the disk.
 
 use super::{Record, RecordingFile};
+use crate::config::History;
 use crate::{Statistics, Summary};
 use bytemuck::Zeroable;
 use rtrb::{Consumer, Producer, RingBuffer};
+use std::collections::VecDeque;
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -75,6 +77,7 @@ struct Shared {
 
 #[derive(Debug)]
 struct State {
+    past: Past,
     statistics: Statistics,
     /// Why the recording ends.
     reason: String,
@@ -82,6 +85,27 @@ struct State {
     written: u64,
     /// What the disk said, and whether that was told.
     trouble: Option<(String, bool)>,
+}
+
+/// Every so many periods, up to so many.
+#[derive(Debug)]
+struct Past {
+    every: u64,
+    kept: usize,
+    records: VecDeque<Record>,
+}
+
+impl State {
+    fn add(&mut self, record: &Record) {
+        self.statistics.add(record);
+        let Past { every, kept, records } = &mut self.past;
+        if *kept > 0 && record.number.is_multiple_of(*every) {
+            if records.len() >= *kept {
+                records.pop_front();
+            }
+            records.push_back(*record);
+        }
+    }
 }
 
 /// What became of a recording.
@@ -112,7 +136,23 @@ impl RecorderThread {
         file: Option<RecordingFile<W>>,
         rate_hz: f64,
     ) -> io::Result<Self> {
+        Self::start_with(records, file, rate_hz, History { seconds: 0.0, ..History::default() })
+    }
+
+    /// The same, and keeps what `history` says.
+    ///
+    /// # Errors
+    /// As [`RecorderThread::start`].
+    pub fn start_with<W: Write + Send + 'static>(
+        records: Records,
+        file: Option<RecordingFile<W>>,
+        rate_hz: f64,
+        history: History,
+    ) -> io::Result<Self> {
+        let kept = (history.rate_hz * history.seconds).ceil() as usize;
+        let every = (rate_hz / history.rate_hz).round().max(1.0) as u64;
         let state = State {
+            past: Past { every, kept, records: VecDeque::new() },
             statistics: Statistics::new(rate_hz),
             reason: "no reason was given".into(),
             written: 0,
@@ -125,6 +165,11 @@ impl RecorderThread {
             move || recorder_thread(records, file, &shared)
         })?;
         Ok(RecorderThread { shared, dropped, thread: Some(thread) })
+    }
+
+    /// What is kept of the past, the oldest first. Not for the haptic thread.
+    pub fn history(&self) -> Vec<Record> {
+        self.shared.state().past.records.iter().copied().collect()
     }
 
     /// The statistics up to now. Not for the haptic thread.
@@ -178,7 +223,7 @@ fn recorder_thread<W: Write>(mut records: Records, file: Option<RecordingFile<W>
         batch.extend((0..records.consumer.slots()).filter_map(|_| records.consumer.pop().ok()));
         let reason = {
             let mut state = shared.state();
-            batch.iter().for_each(|record| state.statistics.add(record));
+            batch.iter().for_each(|record| state.add(record));
             last.then(|| state.reason.clone())
         };
         // Outside of the lock: a disk may take its time.

@@ -87,12 +87,12 @@ fn a_finder_that_panics_in_mid_press_ends_the_loop_in_time() {
     let (recorder, _records) = ring(100);
     let settings = Settings {
         seconds: Some(30.0),
-        real_time: RealTime { priority: None, own_core: false, spin_s: 0.0 },
+        real_time: RealTime { priority: None, core: None, lock_memory: true, spin_s: 0.0 },
         patience: Patience { late_s: 5.0, pose_s: 5.0, finder_s: 5.0, ..Patience::default() },
         ..Settings::new(1000.0)
     };
     let watched = calls.clone();
-    let find = move |mut finder: Finder, _: &Shared, pause: Duration| {
+    let find = move |mut finder: Finder, _: &Shared, _: &AtomicBool, pause: Duration| {
         while watched.lock().unwrap().last().map_or(0.0, force) < 0.5 {
             finder.look().unwrap();
             thread::sleep(pause);

@@ -1,48 +1,24 @@
 //! The closed loop in virtual time: a simulated device and hand on a body, as fast as the machine can.
 
-use crate::certify::device::{damping_needed, late};
-use anyhow::{Result, anyhow, bail};
+use crate::config::{ClockChoice, SessionConfig};
+use crate::device_choice::DeviceChoice;
+use crate::live_session::{HeldDevice, SessionError, haptic_loop};
+use crate::sampled_data::{in_series, passive_up_to};
+use crate::{BodyFile, Cycle, StageFlags, trace};
+use anyhow::anyhow;
 use glam::DVec3;
+use palpate_body::Body;
 use palpate_body::stiffness::stiffness_max;
-use palpate_body::{Body, SlipRule};
-use palpate_device::simulated::{Energies, Hand, HandMotion as _, figures};
-use palpate_device::{Capabilities, Device, Simulated};
-use palpate_engine::Waypoint;
-use palpate_engine::{Ablation, Contact, Output};
-use palpate_runtime::motion::MotionScript;
-use palpate_runtime::trace;
-use palpate_runtime::{Coupling, Cycle, HapticLoop, PassivityController, Stages, WorkspaceMap};
+use palpate_device::Device;
+use palpate_device::simulated::{Energies, HandMotion as _, figures};
+use palpate_engine::{Ablation, Output, Waypoint};
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// Of a rest, this much at its beginning (s) is left out when cycles are looked for: the press dies down.
 const SETTLING: f64 = 0.3;
 /// Below this amplitude (m) nothing is called a cycle: a vibration at 250 Hz is felt from there.
 const SMALLEST: f64 = 1e-7;
-
-/// A loop to be run.
-#[derive(Debug)]
-pub struct Setup {
-    /// The device.
-    pub capabilities: Capabilities,
-    /// The hand that holds it.
-    pub hand: Hand,
-    /// What it does.
-    pub intent: MotionScript,
-    /// Periods a second.
-    pub rate_hz: f64,
-    /// How long, s; `None` for as long as the motion script.
-    pub seconds: Option<f64>,
-    /// Interpolations taken away.
-    pub ablation: Ablation,
-    /// Instead of the body's own rule.
-    pub slip: Option<SlipRule>,
-    /// Whether slip goes without the body's tank.
-    pub no_tank: bool,
-    /// A virtual coupling of this stiffness, N/m.
-    pub coupling_n_per_m: Option<f64>,
-    /// Whether the passivity controller may act.
-    pub passivity: bool,
-}
 
 /// What came out of a run.
 #[derive(Debug, Clone, Default, Serialize)]
@@ -70,6 +46,21 @@ pub struct LoopSummary {
     pub saturations: u64,
     /// What the passivity controller saw and did.
     pub passivity: Option<Passivity>,
+    /// Of the output stages, as they were.
+    pub limits: Limits,
+    /// Periods in which the output stages did what, by the names of [`StageFlags`].
+    pub stages: BTreeMap<&'static str, u64>,
+}
+
+/// What the output stages allow.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct Limits {
+    /// N.
+    pub force_max_n: f64,
+    /// N/s.
+    pub slew_n_per_s: f64,
+    /// s.
+    pub soft_start_s: f64,
 }
 
 /// [`Energies`], as JSON, J.
@@ -121,69 +112,73 @@ pub struct Passivity {
     pub active: u64,
 }
 
-/// The stiffness (N/m) up to which a device's damping keeps a loop passive while nothing slips: b = K T/2 + K D.
-pub fn passive_up_to(capabilities: &Capabilities, period_s: f64) -> f64 {
-    let m = &capabilities.mechanics;
-    m.damping_n_s_per_m.value / damping_needed(1.0, 1.0, period_s, late(m))
-}
-
 /// So many periods at most: their places are kept to look for cycles.
 const STEPS_MAX: f64 = 2e7;
 
-/// Runs a loop and gives every period to `row`.
+/// Runs a loop and gives every period to `row`. The stages and their limits are those of a session against the clock.
 ///
 /// # Errors
-/// A motion script that takes too many periods, or does not go on this body; a device or hand that can't be simulated; what
+/// A setting; a motion script that takes too many periods, or does not go on this body; a device or hand that can't be simulated; what
 /// `row` reports.
-pub fn run(
+pub fn run_virtual(
     body: &Body,
-    setup: Setup,
-    mut row: impl FnMut(&Waypoint, &Output) -> Result<()>,
-) -> Result<LoopSummary> {
-    let Setup { capabilities, hand, intent, rate_hz, seconds, ablation, slip, no_tank, .. } = setup;
-    let Setup { coupling_n_per_m, passivity, .. } = setup;
-    let period = 1.0 / rate_hz;
-    figures::check(&capabilities, &hand).map_err(|e| anyhow!("{} in this hand: {e}", capabilities.name))?;
+    config: &SessionConfig,
+    row: impl FnMut(&Waypoint, &Output) -> anyhow::Result<()>,
+) -> Result<LoopSummary, SessionError> {
+    SessionConfig { clock: ClockChoice::Virtual, ..config.clone() }.check()?;
+    let preset = match &config.device {
+        DeviceChoice::Simulated(preset) => preset.as_deref(),
+        // Refused by the check.
+        _ => None,
+    };
+    run_held(body, HeldDevice::chosen(body, preset, config)?, config, row)
+}
+
+/// The same with a device and a hand that have no name.
+///
+/// # Errors
+/// As [`run_virtual`].
+pub fn run_held(
+    body: &Body,
+    held: HeldDevice,
+    config: &SessionConfig,
+    mut row: impl FnMut(&Waypoint, &Output) -> anyhow::Result<()>,
+) -> Result<LoopSummary, SessionError> {
+    let rate_hz = config.rate_hz;
+    body.prepare(config.slip.unwrap_or(body.slip()));
+    let HeldDevice { mut device, script, map } = held;
+    let capabilities = device.capabilities().clone();
     let delay = capabilities.mechanics.delay_s.value;
     if delay * rate_hz > figures::PERIODS_UNDER_WAY as f64 {
-        bail!(
-            "{}: a delay of {} ms is more than {} periods at {rate_hz} Hz; give less delay_ms, or a lower --rate-hz",
+        return Err(anyhow!(
+            "{}: a delay of {} ms is more than {} periods at {rate_hz} Hz; give less delay_ms, or a lower rate_hz",
             capabilities.name,
             delay * 1e3,
             figures::PERIODS_UNDER_WAY
-        );
+        )
+        .into());
     }
-    let [place, into] = intent.place(body)?;
-    let script = intent.script(into, body.tool().radius_m())?;
     let rests = script.rests();
-    let seconds = seconds.unwrap_or(script.duration_s());
+    let seconds = config.seconds.unwrap_or(script.duration_s());
     if seconds * rate_hz > STEPS_MAX {
-        bail!(
-            "{seconds} s at {rate_hz} Hz are more than {STEPS_MAX} periods; give --seconds, or a lower --rate-hz"
-        );
+        return Err(anyhow!(
+            "{seconds} s at {rate_hz} Hz are more than {STEPS_MAX} periods; give seconds, or a lower rate_hz"
+        )
+        .into());
     }
-    let mass = capabilities.mechanics.mass_kg.value + hand.mass_kg;
     let mut summary = LoopSummary {
         device: capabilities.name.to_string(),
         rate_hz,
         seconds,
         sampled_data: SampledData {
-            passive_up_to_n_per_m: passive_up_to(&capabilities, period),
+            passive_up_to_n_per_m: passive_up_to(&capabilities, 1.0 / rate_hz),
             ..SampledData::default()
         },
         ..LoopSummary::default()
     };
-    let stages = Stages {
-        coupling: coupling_n_per_m.map(|k| Coupling::new(k, stiffness_down_to(body, f64::INFINITY))),
-        passivity: passivity.then(|| PassivityController::new(period, mass)),
-        // The device cuts, and counts.
-        ..Stages::default()
-    };
-    let map = WorkspaceMap { offset_m: place, ..WorkspaceMap::default() };
-    let contact = Contact::with_slip(body, slip.unwrap_or(body.slip()), ablation);
-    let mut closed = HapticLoop::new(contact.with_tank(body.has_tank() && !no_tank), map, stages);
-    let mut device = Simulated::new(capabilities, hand, Box::new(script));
     device.open()?;
+    let (mut closed, _) =
+        haptic_loop(body, &BodyFile::default(), &mut device, Some(map), config.safety, config)?;
     let steps = (seconds * rate_hz).round() as u64;
     let mut places = Vec::with_capacity(steps as usize + 1);
     let mut deepest = 0.0f64;
@@ -200,9 +195,16 @@ pub fn run(
     summary.limit_cycles = cycles(&rests, &places, rate_hz);
     let stiffness = stiffness_down_to(body, deepest);
     summary.sampled_data.stiffness_max_n_per_m = stiffness;
-    summary.sampled_data.met_n_per_m = coupling_n_per_m.map_or(stiffness, |k| in_series(stiffness, k));
+    summary.sampled_data.met_n_per_m = config.coupling_n_per_m.map_or(stiffness, |k| in_series(stiffness, k));
     summary.out_j = closed.port().out_j;
     summary.sampling_bound_j = 0.5 * summary.sampled_data.stiffness_max_n_per_m * closed.port().squares_m2;
+    summary.stages =
+        StageFlags::NAMED.iter().map(|(name, flag)| (*name, closed.counts().of(*flag))).collect();
+    summary.limits = Limits {
+        force_max_n: closed.stages().force.most(),
+        slew_n_per_s: closed.stages().force.step() * rate_hz,
+        soft_start_s: config.safety.soft_start_s,
+    };
     summary.saturations = device.saturations();
     summary.passivity = closed.stages().passivity.map(|p| Passivity {
         observed_j: p.observed_j(),
@@ -224,11 +226,6 @@ fn cycles(rests: &[(f64, f64)], places: &[DVec3], rate_hz: f64) -> Vec<LimitCycl
         Some(LimitCycle { from_s: from, to_s: to, period_s, amplitude_m, growth })
     };
     rests.iter().filter_map(within).collect()
-}
-
-/// Of two springs one behind the other.
-fn in_series(a: f64, b: f64) -> f64 {
-    a * b / (a + b)
 }
 
 /// K_max down to a depth: the table's, at the first knot as deep or deeper.

@@ -1,0 +1,210 @@
+//! Steering a running loop: settings that change while it runs, each through silence.
+//!
+//! ```text
+//! callers ── lock among themselves ──→ ring ──→ haptic thread: silence, then the change, then the soft start
+//! ```
+//!
+//! The haptic thread takes a change out of the ring, brings the force to zero within the slew limit, makes the change, and lets
+//! the force ramp up anew. It never waits, allocates or frees memory: what a change replaced goes back through a ring.
+
+use crate::{Coupling, HapticLoop, Limit, PatchHolder, Safety, SafetyError};
+use palpate_body::SlipRule;
+use palpate_device::Capabilities;
+use palpate_engine::Contact;
+use rtrb::{Consumer, Producer, RingBuffer};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Changes under way at a time, at most.
+const ROOM: usize = 64;
+
+/// What can change.
+#[derive(Debug)]
+pub(crate) enum Change {
+    /// The last stage's limits.
+    Limits { force: Limit, torque: Limit },
+    /// What multiplies the body's friction coefficients.
+    FrictionScale(f64),
+    /// How the contact point slips.
+    Slip(SlipRule),
+    /// Silence until further notice, or its end.
+    Pause(bool),
+    /// Another body, with its first patch and a contact for it.
+    Body(Box<BodyChange>),
+}
+
+/// What goes over to another body; after the change it holds what was there before.
+#[derive(Debug)]
+pub(crate) struct BodyChange {
+    pub patch_holder: PatchHolder,
+    pub contact: Contact,
+    pub coupling: Option<Coupling>,
+}
+
+/// Why a change was not made.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ControlError {
+    /// A value that can't be.
+    #[error(transparent)]
+    Setting(#[from] SafetyError),
+    /// The haptic thread has not made the last ones yet.
+    #[error("{ROOM} changes are under way already; wait until they are made")]
+    Full,
+    /// There is no loop any more.
+    #[error("the session has ended; start another")]
+    Over,
+    /// The body does not go with it.
+    #[error("{0}")]
+    Body(String),
+    /// A recording is of one body.
+    #[error("a recording is of one body; end the session and start another, or don't record")]
+    Recorded,
+}
+
+/// The haptic thread's end.
+#[derive(Debug)]
+pub(crate) struct Inbox {
+    changes: Consumer<Change>,
+    used: Producer<Box<BodyChange>>,
+    pending: Option<Change>,
+}
+
+/// The callers' end; clones share it.
+#[derive(Debug, Clone)]
+pub struct Controls {
+    ends: Arc<Mutex<Ends>>,
+    limits: Arc<Limits>,
+}
+
+#[derive(Debug)]
+struct Ends {
+    changes: Producer<Change>,
+    used: Consumer<Box<BodyChange>>,
+    safety: Safety,
+}
+
+/// What limits are made from.
+#[derive(Debug)]
+struct Limits {
+    capabilities: Capabilities,
+    rate_hz: f64,
+}
+
+/// Both ends, of a loop with this device and these settings.
+pub(crate) fn controls(capabilities: Capabilities, safety: Safety, rate_hz: f64) -> (Controls, Inbox) {
+    let (producer, changes) = RingBuffer::new(ROOM);
+    let (used, back) = RingBuffer::new(ROOM);
+    let ends = Ends { changes: producer, used: back, safety };
+    let limits = Arc::new(Limits { capabilities, rate_hz });
+    (Controls { ends: Arc::new(Mutex::new(ends)), limits }, Inbox { changes, used, pending: None })
+}
+
+impl Controls {
+    /// The largest force, N, and how fast it may change, N/s (`None` for the slowest that lets a stop end in two periods).
+    ///
+    /// # Errors
+    /// What [`Safety::stages`] refuses; [`ControlError::Full`], [`ControlError::Over`].
+    pub fn set_force_limit(&self, force_max_n: f64, slew_n_per_s: Option<f64>) -> Result<(), ControlError> {
+        self.set_limits(|safety| {
+            (safety.force_max_n, safety.slew_n_per_s) = (Some(force_max_n), slew_n_per_s);
+        })
+    }
+
+    /// The largest torque, N·m, and how fast it may change, N·m/s.
+    ///
+    /// # Errors
+    /// As [`Controls::set_force_limit`].
+    pub fn set_torque_limit(
+        &self,
+        torque_max_nm: f64,
+        slew_nm_per_s: Option<f64>,
+    ) -> Result<(), ControlError> {
+        self.set_limits(|safety| {
+            (safety.torque_max_nm, safety.torque_slew_nm_per_s) = (Some(torque_max_nm), slew_nm_per_s);
+        })
+    }
+
+    fn set_limits(&self, change: impl FnOnce(&mut Safety)) -> Result<(), ControlError> {
+        let mut safety = self.with(|ends| ends.safety);
+        change(&mut safety);
+        let stages = safety.stages(&self.limits.capabilities, self.limits.rate_hz)?;
+        self.send(Change::Limits { force: stages.force, torque: stages.torque })?;
+        self.with(|ends| ends.safety = safety);
+        Ok(())
+    }
+
+    /// What multiplies the body's friction coefficients, from 0 to 100.
+    ///
+    /// # Errors
+    /// A number that is not; [`ControlError::Full`], [`ControlError::Over`].
+    pub fn set_friction_scale(&self, scale: f64) -> Result<(), ControlError> {
+        if !(0.0..=100.0).contains(&scale) {
+            let problem = format!("it is {scale}");
+            let hint = "give a number from 0 to 100".into();
+            return Err(SafetyError { setting: "friction_scale", problem, hint }.into());
+        }
+        self.send(Change::FrictionScale(scale))
+    }
+
+    /// No force from the next period on, within the slew limit, until [`Controls::resume`].
+    ///
+    /// # Errors
+    /// [`ControlError::Full`], [`ControlError::Over`].
+    pub fn pause(&self) -> Result<(), ControlError> {
+        self.send(Change::Pause(true))
+    }
+
+    /// Ends a pause: the force ramps up anew.
+    ///
+    /// # Errors
+    /// As [`Controls::pause`].
+    pub fn resume(&self) -> Result<(), ControlError> {
+        self.send(Change::Pause(false))
+    }
+
+    pub(crate) fn send(&self, change: Change) -> Result<(), ControlError> {
+        self.with(|ends| {
+            while ends.used.pop().is_ok() {}
+            if ends.changes.is_abandoned() {
+                return Err(ControlError::Over);
+            }
+            ends.changes.push(change).map_err(|_| ControlError::Full)
+        })
+    }
+
+    fn with<T>(&self, what: impl FnOnce(&mut Ends) -> T) -> T {
+        what(&mut self.ends.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl Inbox {
+    /// At the beginning of a period: makes the next change if there is no force, else asks for silence in this period.
+    ///
+    /// # Real-time
+    /// Bounded; never waits, allocates or frees.
+    pub(crate) fn attend(&mut self, haptics: &mut HapticLoop, patch_holder: &mut PatchHolder) {
+        if self.pending.is_none() {
+            self.pending = self.changes.pop().ok();
+        }
+        let Some(change) = self.pending.take() else { return };
+        haptics.hush();
+        if !haptics.is_silent() {
+            self.pending = Some(change);
+            return;
+        }
+        match change {
+            Change::Limits { force, torque } => haptics.set_limits(force, torque),
+            Change::FrictionScale(scale) => haptics.contact_mut().set_friction_scale(scale),
+            Change::Slip(rule) => haptics.contact_mut().set_slip_rule(rule),
+            Change::Pause(true) => haptics.stop(),
+            Change::Pause(false) => haptics.resume(),
+            Change::Body(mut change) => {
+                std::mem::swap(patch_holder, &mut change.patch_holder);
+                haptics.replace_body(&mut change.contact, &mut change.coupling);
+                if let Err(rtrb::PushError::Full(change)) = self.used.push(change) {
+                    // Freed memory may take a lock: rather kept for good. No more come back than were sent.
+                    std::mem::forget(change);
+                }
+            }
+        }
+    }
+}
