@@ -11,13 +11,12 @@ use anyhow::{Context, Result, anyhow};
 use glam::DVec3;
 use palpate_body::Body;
 use palpate_body::{BlendWeights, BodyParts, Provenance, Response, SlipRule, Surface, Tool, TriangleMesh};
-use palpate_cli::closed_loop::{Setup, run};
 use palpate_cli::plot::{COLOURS, Panel, png};
 use palpate_device::simulated::{Hand, Move};
 use palpate_device::{Figure, presets};
-use palpate_engine::Ablation;
 use palpate_files as files;
 use palpate_runtime::motion::MotionScript;
+use palpate_runtime::{HeldDevice, Safety, SessionConfig, run_held};
 use plotters::prelude::*;
 use rayon::prelude::*;
 use std::path::PathBuf;
@@ -63,20 +62,17 @@ impl Case {
         }
         let push = |force_n, seconds| Move::Push { force_n, seconds };
         let rest = Move::Hold { tremor_m: 0.0, tremor_hz: 0.0, seconds };
-        let intent = MotionScript::of(vec![push(0.98 * force, 1.0), push(force, 0.02), rest]);
-        let setup = Setup {
-            capabilities,
-            hand: Hand::default(),
-            intent,
-            rate_hz: 1.0 / PERIOD,
-            seconds: None,
-            ablation: Ablation::None,
-            slip: None,
-            no_tank: false,
-            coupling_n_per_m: None,
-            passivity: false,
+        let motion = MotionScript::of(vec![push(0.98 * force, 1.0), push(force, 0.02), rest]);
+        // The bare loop: neither soft start nor any limit but the device's.
+        let safety = Safety {
+            force_max_n: Some(1e3),
+            slew_n_per_s: Some(1e9),
+            soft_start_s: 0.0,
+            ..Safety::default()
         };
-        Ok(!run(&body, setup, |_, _| Ok(()))?.limit_cycles.is_empty())
+        let config = SessionConfig { rate_hz: 1.0 / PERIOD, safety, ..SessionConfig::default() };
+        let held = HeldDevice::new(&body, capabilities, Hand::default(), &motion)?;
+        Ok(!run_held(&body, held, &config, |_, _| Ok(()))?.limit_cycles.is_empty())
     }
 
     /// The least stiffness at which it cycles, N/m, to 2 %, sought around `near`.

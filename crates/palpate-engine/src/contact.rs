@@ -192,7 +192,7 @@ impl Contact {
 
     /// A contact on a part of a body, such as a [`Patch`](palpate_body::Patch), which must be prepared for the slip rule.
     pub fn on(model: &ContactModel, rule: SlipRule, ablation: Ablation) -> Self {
-        let setting = Setting { ablation, radius_m: model.tool().radius_m(), friction_scale: 1.0 };
+        let setting = Setting::new(ablation, model.tool().radius_m());
         let (energy, counters) = (Ledger::default(), Counters::default());
         Contact {
             body: model.identity(),

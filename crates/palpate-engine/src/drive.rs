@@ -278,7 +278,7 @@ mod tests {
         for case in 0..1000 {
             let body = &bodies[case % bodies.len()];
             let ablation = [Ablation::None, Ablation::Coordinates, Ablation::Responses, Ablation::Both];
-            let setting = Setting { ablation: ablation[case / 2 % 4], radius_m: 2e-3 };
+            let setting = Setting::new(ablation[case / 2 % 4], 2e-3);
             let element = (unit() * body.elements().len() as f64) as u32;
             let (a, b) = (0.2 + 0.3 * unit(), 0.2 + 0.3 * unit());
             let n = [a, b, 1.0 - a - b];
@@ -312,7 +312,7 @@ mod tests {
     fn continuity<L: ForceLaw>(bodies: &[Body]) {
         for body in bodies {
             body.prepared_gradients();
-            let setting = Setting { ablation: Ablation::None, radius_m: 0.0 };
+            let setting = Setting::new(Ablation::None, 0.0);
             let mut jumps = 0.0f64;
             for element in 0..body.elements().len() as u32 {
                 for edge in 0..3 {
@@ -352,7 +352,7 @@ mod tests {
         parts.test_point_nodes = vec![0; 6];
         let body = Body::new(parts).unwrap();
         body.prepared_gradients();
-        let setting = Setting { ablation: Ablation::None, radius_m: 0.0 };
+        let setting = Setting::new(Ablation::None, 0.0);
         let mut kernel = ElementKernel::<Isotropic>::new(&body, setting, 1);
         let n = [0.3, 0.3, 0.4];
         let f = kernel.evaluate(n, DVec3::new(0.014, 0.009, -3e-3));

@@ -34,6 +34,11 @@ pub(crate) struct Setting {
 }
 
 impl Setting {
+    /// With the body's own friction coefficients.
+    pub(crate) fn new(ablation: Ablation, radius_m: f64) -> Self {
+        Setting { ablation, radius_m, friction_scale: 1.0 }
+    }
+
     #[inline]
     pub(crate) fn interpolates_frames(self) -> bool {
         matches!(self.ablation, Ablation::None | Ablation::Responses)

@@ -208,7 +208,7 @@ pub(crate) mod tests {
     #[test]
     fn differences_give_the_closed_form() {
         for (body, isotropic) in [(ball(1.0), true), (ball(4.0), false)] {
-            let setting = Setting { ablation: Ablation::None, radius_m: 2e-3 };
+            let setting = Setting::new(Ablation::None, 2e-3);
             for element in 0..body.elements().len() as u32 {
                 let at = SurfacePoint { element, n: [0.3, 0.5, 0.2] };
                 let tool_position =
@@ -257,7 +257,7 @@ pub(crate) mod tests {
         for case in 0..1000 {
             let body = &bodies[case % bodies.len()];
             let ablation = [Ablation::None, Ablation::Coordinates, Ablation::Responses, Ablation::Both];
-            let setting = Setting { ablation: ablation[case / 3 % 4], radius_m: 2e-3 };
+            let setting = Setting::new(ablation[case / 3 % 4], 2e-3);
             let element = (unit() * body.elements().len() as f64) as u32;
             let (a, b) = (0.2 + 0.3 * unit(), 0.2 + 0.3 * unit());
             let n = [a, b, 1.0 - a - b];

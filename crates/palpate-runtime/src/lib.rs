@@ -93,7 +93,8 @@ pub use ground::Ground;
 pub use guard::PoseGuard;
 pub use limit::Limit;
 pub use live_session::{
-    BodyIn, HeldDevice, LiveSession, Outcome, PreparedSession, SessionBody, SessionError, ablation_name, is_recording,
+    BodyIn, HeldDevice, LiveSession, Outcome, PreparedSession, SessionBody, SessionError, ablation_name,
+    is_recording,
 };
 pub use map::WorkspaceMap;
 pub use opened::Opened;
@@ -111,5 +112,7 @@ pub use stages::Stages;
 pub use statistics::{Percentiles, Statistics, Summary};
 pub use supervise::{Observer, supervise};
 pub use timed::Timed;
-pub use virtual_session::{LimitCycle, Limits, LoopSummary, Mechanics, Passivity, SampledData, run_held, run_virtual};
+pub use virtual_session::{
+    LimitCycle, Limits, LoopSummary, Mechanics, Passivity, SampledData, run_held, run_virtual,
+};
 pub use watch::{End, Patience};

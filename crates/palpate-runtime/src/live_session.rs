@@ -56,8 +56,13 @@ pub enum SessionError {
     #[error(transparent)]
     Recording(#[from] CreateError),
     /// What could not be had, where [`SessionConfig::strict`] wants all.
-    #[error("{}", .0.join("; "))]
-    Strict(Vec<String>),
+    #[error("{device}: {}", .refused.join("; "))]
+    Strict {
+        /// The device's name.
+        device: String,
+        /// What was refused, a line each.
+        refused: Vec<String>,
+    },
     /// A file, a motion script, or a device that says nothing sensible.
     #[error("{}", files::message(.0))]
     Input(#[from] anyhow::Error),
@@ -135,10 +140,12 @@ struct Source {
 /// A simulated device in a hand that does as a motion script says.
 #[derive(Debug)]
 pub struct HeldDevice {
-    pub(crate) device: Simulated,
-    pub(crate) script: Script,
+    /// It.
+    pub device: Simulated,
+    /// What the hand does.
+    pub script: Script,
     /// Where it works in the body's frame.
-    pub(crate) map: WorkspaceMap,
+    pub map: WorkspaceMap,
 }
 
 impl HeldDevice {
@@ -377,6 +384,7 @@ pub struct PreparedSession {
     body: SessionBody,
     config: SessionConfig,
     advice: Option<String>,
+    memory: Option<MemoryLock>,
 }
 
 /// A session that runs. Dropped, it is stopped and waited for.
@@ -388,6 +396,7 @@ pub struct LiveSession {
     controls: Controls,
     body: SessionBody,
     config: SessionConfig,
+    _memory: Option<MemoryLock>,
 }
 
 /// What became of a session.
@@ -406,16 +415,15 @@ pub struct Outcome {
 }
 
 impl PreparedSession {
-    /// Opens the device and lays out the first patch. `memory` keeps the program in RAM for all sessions that share
-    /// it, or was refused to them all; without it, and where the configuration asks for one, the session has a lock of its own
-    /// and gives it back at its end.
+    /// Opens the device and lays out the first patch. `memory` keeps the program in RAM for all sessions that share it; without
+    /// it, and where the configuration asks for one, the session has a lock of its own and gives it back at its end.
     ///
     /// # Errors
     /// See [`SessionError`]. What was opened is closed again.
     pub fn new(
         body: SessionBody,
         config: SessionConfig,
-        memory: Option<Result<MemoryLock, String>>,
+        memory: Option<MemoryLock>,
     ) -> Result<Self, SessionError> {
         config.check()?;
         if config.clock == ClockChoice::Virtual {
@@ -435,7 +443,7 @@ impl PreparedSession {
         body: SessionBody,
         device: Box<dyn Device>,
         config: SessionConfig,
-        memory: Option<Result<MemoryLock, String>>,
+        memory: Option<MemoryLock>,
     ) -> Result<Self, SessionError> {
         config.check()?;
         let source = Source { device, map: None, seconds: None, is_replay: false };
@@ -446,7 +454,7 @@ impl PreparedSession {
         body: SessionBody,
         source: Source,
         config: SessionConfig,
-        memory: Option<Result<MemoryLock, String>>,
+        memory: Option<MemoryLock>,
     ) -> Result<Self, SessionError> {
         let Source { device, map, seconds, is_replay } = source;
         let mut device = Opened::new(device)?;
@@ -458,20 +466,17 @@ impl PreparedSession {
             safety = Safety { force_max_n, silence_s, soft_start_s: 0.0, stale_s: AT_LEISURE, ..safety };
         }
         let (haptics, header) = haptic_loop(&*body.source, &body.file, &mut *device, map, safety, &config)?;
-        let file = config.record.as_ref();
-        let header = Header { began_unix_s: unix_now_s(), ..header };
-        let file = file.map(|path| RecordingFile::create(path, false, &header)).transpose()?;
         let (recorder, records) = ring((RING_S * config.rate_hz) as usize);
-        let recorder_thread = RecorderThread::start_with(records, file, config.rate_hz, config.history)
-            .map_err(StartError::from)?;
-        let advice = if is_replay { None } else { too_stiff(&*body.source, haptics.map(), &capabilities, &config)? };
+        let advice =
+            if is_replay { None } else { too_stiff(&*body.source, haptics.map(), &capabilities, &config)? };
         let (controls, inbox) = controls(capabilities.clone(), safety, config.rate_hz);
         let mut settings = Settings {
             seconds: config.seconds.or(seconds),
             patch_elements: config.patch_elements,
-            // Its own lock, unless it has a share of another.
             real_time: RealTime {
+                // Its own, unless it has a share of another's.
                 lock_memory: config.real_time.lock_memory && memory.is_none(),
+                spin_s: config.real_time.spin_at(config.rate_hz),
                 ..config.real_time
             },
             patience: config.patience,
@@ -480,26 +485,23 @@ impl PreparedSession {
         if is_replay {
             settings.patience.pose_s = f64::INFINITY;
         }
-        let session = Session::prepare(body.source.clone(), device, haptics, recorder, settings)?;
-        let session = session.with_inbox(inbox);
-        let session = match memory {
-            Some(Ok(lock)) => session.with_memory_lock(Ok(lock)),
-            _ => session,
-        };
+        let session =
+            Session::prepare_with(body.source.clone(), device, haptics, recorder, settings, Some(inbox))?;
         if config.strict && !session.notes().is_empty() {
-            return Err(SessionError::Strict(session.notes().to_vec()));
+            let refused = session.notes().to_vec();
+            return Err(SessionError::Strict { device: capabilities.name.to_string(), refused });
         }
-        Ok(PreparedSession { session, recorder_thread, capabilities, controls, body, config, advice })
+        let file = config.record.as_ref();
+        let header = Header { began_unix_s: unix_now_s(), ..header };
+        let file = file.map(|path| RecordingFile::create(path, false, &header)).transpose()?;
+        let recorder_thread = RecorderThread::start_with(records, file, config.rate_hz, config.history)
+            .map_err(StartError::from)?;
+        Ok(PreparedSession { session, recorder_thread, capabilities, controls, body, config, advice, memory })
     }
 
     /// What could not be had, a line each: known before the first force.
     pub fn notes(&self) -> &[String] {
         self.session.notes()
-    }
-
-    /// One more, for what is known from elsewhere.
-    pub fn note(&mut self, note: String) {
-        self.session.note(note);
     }
 
     /// What the hand should know of this device on this body before it touches it.
@@ -522,8 +524,11 @@ impl PreparedSession {
     /// # Errors
     /// The system gives no thread. The device is closed then.
     pub fn start(self) -> Result<LiveSession, SessionError> {
-        let PreparedSession { session, recorder_thread, capabilities, controls, body, config, .. } = self;
-        Ok(LiveSession { session: session.start()?, recorder_thread, capabilities, controls, body, config })
+        let PreparedSession {
+            session, recorder_thread, capabilities, controls, body, config, memory, ..
+        } = self;
+        let session = session.start()?;
+        Ok(LiveSession { session, recorder_thread, capabilities, controls, body, config, _memory: memory })
     }
 }
 

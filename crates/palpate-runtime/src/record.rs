@@ -18,6 +18,7 @@ pub use retrace::Retrace;
 
 use crate::{HapticLoop, Period, StageFlags};
 use bytemuck::{Pod, Zeroable};
+use palpate_body::SlipRule;
 use palpate_device::{Fault, Pose, Sample, Status};
 use palpate_engine::{Flags, ToolState};
 use serde::{Deserialize, Serialize};
@@ -107,9 +108,10 @@ record! {
     read_ns: u32,
     /// What the device's write took, ns.
     write_ns: u32,
-    /// What the device reported: 0 nothing, else 1 + the position of the fault in the order of `Fault`.
+    /// What the device reported: 0 nothing, 1 it is not open, 2 it is gone, 3 it did not answer in time, 4 it can't be
+    /// understood, 5 an error of the vendor's (`fault_code`), 6 its recording has ended.
     fault: u32,
-    /// The number that the device's fault has.
+    /// The vendor's number of the error, if `fault` is 5.
     fault_code: i64,
     /// The sample's number.
     device_sequence: u64,
@@ -175,13 +177,18 @@ record! {
     minor_faults: u32,
     /// Page faults of the haptic thread so far, with the disk.
     major_faults: u32,
+    /// What multiplied the body's friction coefficients, if `slip_rule_code` is not 0.
+    friction_scale: f64,
     /// For later; 0.
-    spare: [u64; 8],
-    /// For later; 0.
-    spare_word: u32,
+    spare: [u64; 7],
+    /// The slip rule: 1 paper, 2 consistent, 3 exact; 0 for the header's, in recordings that knew of no change.
+    slip_rule_code: u32,
     /// CRC-32 (IEEE 802.3) of all bytes before; filled in when it is written.
     crc: u32,
 }
+
+/// In the order of [`Record::slip_rule_code`].
+const RULES: [SlipRule; 3] = [SlipRule::Paper, SlipRule::Consistent, SlipRule::Exact];
 
 impl Record {
     /// [`kind`](Self::kind) of a period.
@@ -236,8 +243,16 @@ impl Record {
             observed_j: haptics.stages().passivity.map_or(0.0, |p| p.observed_j()),
             command_force_n: command.force_n,
             command_torque_nm: command.torque_nm,
+            friction_scale: haptics.contact().friction_scale(),
+            slip_rule_code: 1 + RULES.iter().position(|r| *r == haptics.contact().slip_rule()).unwrap_or(0)
+                as u32,
             ..Self::zeroed()
         }
+    }
+
+    /// The slip rule of the period; `None` for that of the recording's header.
+    pub fn slip_rule(&self) -> Option<SlipRule> {
+        RULES.get((self.slip_rule_code as usize).checked_sub(1)?).copied()
     }
 
     /// What the stages did.

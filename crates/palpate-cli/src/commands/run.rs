@@ -11,7 +11,7 @@ use palpate_runtime::motion::NAMES;
 use palpate_runtime::trace::{COLUMNS, count, write_row};
 use palpate_runtime::{
     BodyIn, ClockChoice, DeviceChoice, LoopSummary, MemoryLock, PreparedSession, SessionBody, SessionConfig,
-    run_virtual,
+    SessionError, run_virtual,
 };
 use std::path::{Path, PathBuf};
 
@@ -150,22 +150,33 @@ fn against_the_clock(args: &Args, configs: &[SessionConfig]) -> Result<(), Failu
     let body = SessionBody::open(&args.body, slip, args.live.body_in.map(Into::into), !records.is_empty())?;
     // One for all: the end of one session's own would unlock the others.
     let memory = configs.iter().any(|c| c.real_time.lock_memory).then(MemoryLock::new);
+    let (memory, mut refused) = match memory {
+        Some(Err(refused)) => (None, Some(refused)),
+        Some(Ok(lock)) => (Some(lock), None),
+        None => (None, None),
+    };
+    if let Some(refused) = refused.take_if(|_| configs.iter().any(|c| c.strict)) {
+        return Err(Failure::Check(format!("--strict: {refused}")));
+    }
     let is_asked = live::signals()?;
     let mut prepared = Vec::new();
     for config in configs {
         if !is_asked() {
-            let mut session = PreparedSession::new(body.clone(), config.clone(), memory.clone())?;
-            if prepared.is_empty() && let Some(Err(refused)) = &memory {
-                session.note(refused.clone());
-            }
-            prepared.push(session);
+            let mut config = config.clone();
+            config.real_time.lock_memory &= memory.is_some();
+            prepared.push(match PreparedSession::new(body.clone(), config, memory.clone()) {
+                Err(error @ SessionError::Strict { .. }) => {
+                    return Err(Failure::Check(format!("--strict: {error}")));
+                }
+                prepared => prepared?,
+            });
         }
     }
     if is_asked() {
         console::note("a signal asked for the end before it began");
         return Ok(());
     }
-    let told = live::run(prepared, &is_asked, args.json, args.stream_hz)?;
+    let told = live::run(prepared, refused, &is_asked, args.json, args.stream_hz)?;
     for told in &told {
         if args.json {
             console::text(&format!("{}\n", serde_json::to_string(told)?))?;
@@ -181,9 +192,14 @@ fn against_the_clock(args: &Args, configs: &[SessionConfig]) -> Result<(), Failu
 
 fn virtual_time(args: &Args, config: &SessionConfig) -> Result<(), Failure> {
     if args.stream_hz.is_some() {
-        return Err(anyhow!("--stream-hz: virtual time has no rate to watch at; --record has every period").into());
+        return Err(
+            anyhow!("--stream-hz: virtual time has no rate to watch at; --record has every period").into()
+        );
     }
-    files::refuse_overwrite(&config.record.iter().collect::<Vec<_>>(), &args.inputs(std::slice::from_ref(config)))?;
+    files::refuse_overwrite(
+        &config.record.iter().collect::<Vec<_>>(),
+        &args.inputs(std::slice::from_ref(config)),
+    )?;
     let body = Body::open(&args.body)?;
     let summary = match &config.record {
         None => run_virtual(&body, config, |_, _| Ok(()))?,
@@ -191,7 +207,8 @@ fn virtual_time(args: &Args, config: &SessionConfig) -> Result<(), Failure> {
             let mut summary = None;
             files::replace_or_stream(path, |out| {
                 writeln!(out, "{COLUMNS}")?;
-                summary = Some(run_virtual(&body, config, |waypoint, output| write_row(out, waypoint, output))?);
+                summary =
+                    Some(run_virtual(&body, config, |waypoint, output| write_row(out, waypoint, output))?);
                 Ok(())
             })?;
             summary.unwrap_or_default()

@@ -95,7 +95,8 @@ fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
 /// # Errors
 /// The file can't be read; a value that can't be; an option that does not apply.
 pub(super) fn configs(args: &Args) -> Result<Vec<SessionConfig>> {
-    let mut config = args.config.as_deref().map_or_else(|| Ok(SessionConfig::default()), SessionConfig::read)?;
+    let mut config =
+        args.config.as_deref().map_or_else(|| Ok(SessionConfig::default()), SessionConfig::read)?;
     let devices = match &args.device[..] {
         [] => vec![config.device.clone()],
         given => given.to_vec(),
@@ -104,7 +105,9 @@ pub(super) fn configs(args: &Args) -> Result<Vec<SessionConfig>> {
     live(args, &mut config)?;
     applies(args, &devices, config.clock == ClockChoice::Virtual)?;
     if devices.len() > 1 && config.record.is_some() && args.record.is_empty() {
-        bail!("record: the file names one recording, and there are several devices; give as many --record as devices");
+        bail!(
+            "record: the file names one recording, and there are several devices; give as many --record as devices"
+        );
     }
     if !args.record.is_empty() && args.record.len() != devices.len() {
         bail!("--record: give as many files as devices, or none");
@@ -221,19 +224,34 @@ fn applies(args: &Args, devices: &[DeviceChoice], is_virtual: bool) -> Result<()
     let library = dhd || has(|d| matches!(d, DeviceChoice::OpenHaptics(_)));
     let unnamed = has(|d| matches!(d, DeviceChoice::Simulated(None)));
     let rules = [
-        ("--preset", args.preset.is_some(), unnamed, "it is for --device simulated without a name of its own"),
+        (
+            "--preset",
+            args.preset.is_some(),
+            unnamed,
+            "it is for --device simulated without a name of its own",
+        ),
         ("--hand", args.hand.is_some(), simulated, "it is for a simulated device"),
         ("--intent", args.intent.is_some(), simulated, "it is for a simulated device"),
         ("--device-url", live.device_url.is_some(), haply, "it is for --device haply"),
         ("--haply-force-key", live.haply_force_key.is_some(), haply, "it is for --device haply"),
-        ("--device-library", live.device_library.is_some(), library, "it is for --device dhd and openhaptics"),
+        (
+            "--device-library",
+            live.device_library.is_some(),
+            library,
+            "it is for --device dhd and openhaptics",
+        ),
         ("--without-device-watchdog", live.without_device_watchdog, dhd, "it is for --device dhd"),
         ("--priority", live.priority.is_some(), !is_virtual, "virtual time has no thread of its own"),
         ("--spin-us", live.spin_us.is_some(), !is_virtual, "virtual time waits for no clock"),
         ("--late-ms", live.late_ms.is_some(), !is_virtual, "nothing is late in virtual time"),
         ("--stale-ms", live.stale_ms.is_some(), !is_virtual, "no pose is stale in virtual time"),
         ("--strict", live.strict, !is_virtual, "virtual time asks nothing of device or system"),
-        ("--patch-elements", live.patch_elements.is_some(), !is_virtual, "virtual time steps on the whole body"),
+        (
+            "--patch-elements",
+            live.patch_elements.is_some(),
+            !is_virtual,
+            "virtual time steps on the whole body",
+        ),
         ("--body-in", live.body_in.is_some(), !is_virtual, "virtual time steps on the whole body"),
     ];
     match rules.into_iter().find(|(_, given, applies, _)| *given && !applies) {

@@ -39,7 +39,7 @@ fn compare<L: ForceLaw>(bodies: &[Body]) {
         let state = Cell { corners: [n; 3], depth_m: [depth; 2], azimuth: [azimuth; 2], reach_m: [reach; 2] };
         let at = patch.state(&state);
         let (tool_position, d) = (at.tool_position, at.along);
-        let setting = Setting { ablation: Ablation::None, radius_m: body.tool().radius_m() };
+        let setting = Setting::new(Ablation::None, body.tool().radius_m());
         let mut kernel = ElementKernel::<L>::new(body, setting, element);
         let f = kernel.evaluate(n, tool_position);
         assert!((f.depth - depth).abs() < 1e-12 && (kernel.stretch.rho(&f) - reach).abs() < 1e-12);
@@ -121,7 +121,7 @@ fn drives<L: ForceLaw, R: Rule>(bodies: &[Body], slip: SlipRule) {
         let (depth, azimuth, reach) = (1e-4 + 7e-3 * unit(), 6.0 * unit(), 3e-4 + 6e-3 * unit());
         let state = Cell { corners: [n; 3], depth_m: [depth; 2], azimuth: [azimuth; 2], reach_m: [reach; 2] };
         let tool_position = patch.state(&state).tool_position;
-        let setting = Setting { ablation: Ablation::None, radius_m: body.tool().radius_m() };
+        let setting = Setting::new(Ablation::None, body.tool().radius_m());
         let mut kernel = ElementKernel::<L>::new(body, setting, element);
         let f = kernel.evaluate(n, tool_position);
         let drive = R::drive(&mut kernel, n, &f);
@@ -239,7 +239,7 @@ fn below(slip: SlipRule) {
 
 /// A contact in the certificates' coordinates; none without a direction.
 fn cell<L: ForceLaw>(body: &Body, at: SurfacePoint, tool_position: DVec3) -> Option<(Cell, f64)> {
-    let setting = Setting { ablation: Ablation::None, radius_m: body.tool().radius_m() };
+    let setting = Setting::new(Ablation::None, body.tool().radius_m());
     let mut kernel = ElementKernel::<L>::new(body, setting, at.element);
     let f = kernel.evaluate(at.n, tool_position);
     let reach = kernel.stretch.rho(&f);

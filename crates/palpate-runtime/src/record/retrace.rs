@@ -39,6 +39,13 @@ impl<'a> Retrace<'a> {
     /// The body's file can't be read; it stays in its file, and the record is of a loop on the whole body.
     pub fn step(&mut self, record: &Record) -> Result<Option<Output>> {
         self.go_over(record)?;
+        if let Some(rule) = record.slip_rule() {
+            if rule != self.contact.slip_rule() {
+                self.body.serves(rule)?;
+                self.contact.set_slip_rule(rule);
+            }
+            self.contact.set_friction_scale(record.friction_scale);
+        }
         let Some(pose) = record.tool() else { return Ok(None) };
         let dt = record.time_s - self.stepped_s.replace(record.time_s).unwrap_or(record.time_s);
         let Some((_, patch)) = &self.patch else {

@@ -1,0 +1,349 @@
+//! A session that a program owns: read and steered while it runs, each change through silence and the soft start.
+
+mod common;
+
+use common::{patch, plane, with_field};
+use palpate_body::{Body, SlipRule};
+use palpate_device::{Capabilities, Command, Device, Fault, OpenError, Pose, Sample, presets};
+use palpate_runtime::{
+    ControlError, End, History, LiveSession, Observer, Outcome, Patience, Placement, PreparedSession,
+    RealTime, Record, Safety, SessionBody, SessionConfig, SessionError, StageFlags, supervise,
+};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// A device that stands still, or slides to and fro, 3 mm deep in the plane z = 0, from above within the first periods; and all its
+/// commands, N.
+struct Pressed {
+    capabilities: Capabilities,
+    commands: Arc<Mutex<Vec<f64>>>,
+    reads: u64,
+    slides: bool,
+}
+
+impl Pressed {
+    fn new(slides: bool) -> (Box<Self>, Arc<Mutex<Vec<f64>>>) {
+        let commands = Arc::new(Mutex::new(Vec::with_capacity(100_000)));
+        let capabilities = presets::device("bench").unwrap();
+        (Box::new(Pressed { capabilities, commands: commands.clone(), reads: 0, slides }), commands)
+    }
+}
+
+impl Device for Pressed {
+    fn capabilities(&self) -> &Capabilities {
+        &self.capabilities
+    }
+    fn open(&mut self) -> Result<(), OpenError> {
+        Ok(())
+    }
+    fn read(&mut self, _: f64) -> Result<Sample, Fault> {
+        self.reads += 1;
+        let k = self.reads as f64;
+        let z = (1e-3 - 0.1e-3 * k).max(-3e-3);
+        let x = if self.slides { 4e-3 * libm::sin(0.02 * k) } else { 0.0 };
+        let pose = Pose { position_m: [x, 0.0, z], ..Pose::default() };
+        Ok(Sample { sequence: self.reads, pose, ..Sample::default() })
+    }
+    fn write(&mut self, command: &Command) -> Result<(), Fault> {
+        let [x, y, z] = command.force_n;
+        self.commands.lock().unwrap().push((x * x + y * y + z * z).sqrt());
+        Ok(())
+    }
+    fn close(&mut self) {}
+}
+
+const SOFT_START: f64 = 0.05;
+
+/// As on any machine: no rights are asked for, and load beside is forgiven.
+fn config() -> SessionConfig {
+    SessionConfig {
+        workspace: Placement { offset_m: Some([0.0; 3]), ..Placement::default() },
+        safety: Safety { soft_start_s: SOFT_START, silence_s: Some(5.0), ..Safety::default() },
+        patience: Patience { late_s: 5.0, finder_s: 5.0, ..Patience::default() },
+        real_time: RealTime { priority: None, core: None, lock_memory: false, spin_s: 0.0 },
+        ..SessionConfig::default()
+    }
+}
+
+fn started(body: Body, slides: bool, config: SessionConfig) -> (LiveSession, Arc<Mutex<Vec<f64>>>) {
+    let (device, commands) = Pressed::new(slides);
+    let prepared = PreparedSession::with_device(body.into(), device, config, None).unwrap();
+    (prepared.start().unwrap(), commands)
+}
+
+/// The latest record for which `wanted` holds, or a failed test after ten seconds.
+fn when(session: &LiveSession, wanted: impl Fn(&Record) -> bool) -> Record {
+    let begun = Instant::now();
+    loop {
+        if let Some(record) = session.latest().filter(&wanted) {
+            return record;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(10), "{:?}", session.latest());
+        std::thread::sleep(Duration::from_micros(500));
+    }
+}
+
+fn size([x, y, z]: [f64; 3]) -> f64 {
+    (x * x + y * y + z * z).sqrt()
+}
+
+fn is_steady(r: &Record) -> bool {
+    !r.stages().has(StageFlags::STARTING) && size(r.command_force_n) > 0.05
+}
+
+/// After each silence the force rises by no more than the soft start's step of what is rendered at its end.
+fn rises_softly(commands: &[f64]) -> usize {
+    let mut silences = 0;
+    let most = commands.iter().fold(0.0f64, |a, &b| a.max(b));
+    for (i, pair) in commands.windows(2).enumerate() {
+        if pair[0] == 0.0 && pair[1] > 0.0 {
+            silences += 1;
+        }
+        let step = 2.0 * most * 1e-3 / SOFT_START;
+        assert!(pair[1] - pair[0] <= step, "command {i}: {} to {} N", pair[0], pair[1]);
+    }
+    silences
+}
+
+#[test]
+fn a_program_reads_steers_and_ends_its_session() {
+    // f = 100 k δ² of the paper's law: a force that a lower limit cuts.
+    let (session, commands) = started(plane(2000.0, 2000.0, 0.3), true, config());
+    let steady = when(&session, is_steady);
+    assert!(steady.delta_z_m > 2.9e-3 && steady.element != Record::NONE && steady.number > 50);
+    let force = size(steady.force_n);
+    assert!(force > 1.0, "{force}");
+
+    let controls = session.controls().clone();
+    controls.set_force_limit(0.4, None).unwrap();
+    let limited = when(&session, |r| is_steady(r) && size(r.command_force_n) < 0.401);
+    assert!(limited.stages().has(StageFlags::SATURATED), "{limited:?}");
+    controls.set_force_limit(3.0, None).unwrap();
+    when(&session, |r| is_steady(r) && size(r.command_force_n) > 0.9);
+
+    controls.pause().unwrap();
+    let paused = when(&session, |r| r.stages().has(StageFlags::STOPPED) && size(r.command_force_n) == 0.0);
+    // The engine goes on in silence.
+    when(&session, |r| {
+        r.number > paused.number + 20 && size(r.force_n) > 1.0 && size(r.command_force_n) == 0.0
+    });
+    controls.resume().unwrap();
+    when(&session, |r| r.number > paused.number + 20 && is_steady(r));
+
+    // Slid to and fro, the lateral force is up to μ of the normal one; without friction there is none to speak of.
+    let lateral = |r: &Record| r.force_n[0].hypot(r.force_n[1]) / r.force_n[2].abs();
+    when(&session, |r| lateral(r) > 0.25);
+    controls.set_friction_scale(0.0).unwrap();
+    let slippery = when(&session, |r| is_steady(r) && r.friction_scale == 0.0);
+    let most = (0..200).map(|_| {
+        std::thread::sleep(Duration::from_millis(1));
+        session.latest().map_or(0.0, |r| lateral(&r))
+    });
+    assert!(most.fold(0.0, f64::max) < 0.01 && slippery.friction_scale == 0.0);
+    session.set_slip_rule(SlipRule::Paper).unwrap();
+    when(&session, |r| is_steady(r) && r.slip_rule() == Some(SlipRule::Paper));
+
+    let history = session.history();
+    assert!(
+        history.len() > 10 && history.windows(2).all(|w| w[1].number == w[0].number + 10),
+        "{}",
+        history.len()
+    );
+    assert!(session.summary().periods_in_contact > 100);
+    session.stopper().stop("the program has seen enough");
+    let Outcome { report, .. } = session.join();
+    assert_eq!(report.end, End::Asked("the program has seen enough"));
+    let commands = commands.lock().unwrap();
+    assert_eq!(commands.last(), Some(&0.0));
+    // The beginning, two limits, a pause, the friction, the rule.
+    assert_eq!(rises_softly(&commands), 6, "a silence for each change");
+    assert_eq!(controls.pause(), Err(ControlError::Over));
+}
+
+/// The tool is inside the new body when it comes: it feels nothing, as a session that begins inside does.
+#[test]
+fn another_body_comes_through_silence() {
+    let (mut session, commands) = started(plane(2000.0, 2000.0, 0.3), false, config());
+    when(&session, is_steady);
+    session.change_body(plane(600.0, 500.0, 0.3)).unwrap();
+    let changed = when(&session, |r| r.engine().has(palpate_engine::Flags::STARTED_INSIDE));
+    assert!(size(changed.command_force_n) == 0.0, "{changed:?}");
+    // Its own finder works: many patches of a fine one.
+    let fine = with_field(&patch(0.1, 120), 600.0, 500.0, 0.3, &|_| 1.0);
+    session.change_body(fine).unwrap();
+    when(&session, |r| r.number > changed.number + 50);
+    session.stopper().stop("done");
+    assert!(session.join().report.end.is_well());
+    rises_softly(&commands.lock().unwrap());
+}
+
+#[test]
+fn a_recording_keeps_to_its_body_and_to_its_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let record = Some(folder.path().join("a.rec"));
+    let body = plane(2000.0, 2000.0, 0.3);
+    let (mut session, _) = started(body.clone(), true, SessionConfig { record: record.clone(), ..config() });
+    when(&session, is_steady);
+    assert_eq!(session.change_body(plane(600.0, 500.0, 0.3)), Err(ControlError::Recorded));
+    session.controls().set_friction_scale(0.4).unwrap();
+    when(&session, |r| is_steady(r) && r.friction_scale == 0.4);
+    session.set_slip_rule(SlipRule::Exact).unwrap();
+    let exact = when(&session, |r| is_steady(r) && r.slip_rule() == Some(SlipRule::Exact));
+    when(&session, |r| r.number > exact.number + 300);
+    session.stopper().stop("done");
+    session.join();
+    let recording = palpate_runtime::Recording::open(&record.unwrap()).unwrap();
+    let contact = palpate_engine::Contact::with_slip(&body, body.slip(), palpate_engine::Ablation::None);
+    let mut again = palpate_runtime::Retrace::new(&body, contact);
+    let (mut judged, mut slips) = (0, 0);
+    for record in recording {
+        let Some(output) = again.step(&record).unwrap() else { continue };
+        assert_eq!(output.force_n, record.force_n, "period {}", record.number);
+        judged += 1;
+        slips += u32::from(output.flags.has(palpate_engine::Flags::SLIPPING));
+    }
+    assert!(judged > 300 && slips > 50, "{judged} {slips}");
+}
+
+#[test]
+fn what_cannot_be_is_refused_and_the_session_goes_on() {
+    let (session, _) = started(plane(600.0, 500.0, 0.3), false, config());
+    let controls = session.controls();
+    for wrong in [f64::NAN, -1.0, f64::INFINITY] {
+        assert!(matches!(controls.set_force_limit(wrong, None), Err(ControlError::Setting(_))), "{wrong}");
+        assert!(matches!(controls.set_friction_scale(wrong), Err(ControlError::Setting(_))), "{wrong}");
+    }
+    assert!(matches!(controls.set_force_limit(2.0, Some(1.0)), Err(ControlError::Setting(_))));
+    let number = when(&session, |_| true).number;
+    when(&session, |r| r.number > number + 50);
+    // A burst is either taken or refused, and the loop is not late by it.
+    let taken = (0..10_000).filter(|i| controls.set_friction_scale(f64::from(i % 3)).is_ok()).count();
+    assert!(taken >= 32, "{taken}");
+    let number = when(&session, |_| true).number;
+    when(&session, |r| r.number > number + 50);
+    drop(session);
+    for (config, words) in [
+        (SessionConfig { rate_hz: 0.0, ..config() }, "rate_hz"),
+        (SessionConfig { device: "simulated:pencil".parse().unwrap(), ..config() }, "pencil"),
+        (SessionConfig { motion: "wave".into(), ..config() }, "wave"),
+        (SessionConfig { hand: "foot".into(), ..config() }, "foot"),
+        (SessionConfig { device: "replay:none.csv".parse().unwrap(), ..config() }, "none.csv"),
+    ] {
+        let error = LiveSession::start(plane(600.0, 500.0, 0.3), config).unwrap_err();
+        assert!(error.to_string().contains(words), "{error}");
+    }
+    let strict = SessionConfig {
+        strict: true,
+        real_time: RealTime { priority: Some(98), core: None, lock_memory: false, spin_s: 0.0 },
+        ..config()
+    };
+    // Only where it is refused, which is so wherever no rights were given.
+    if let Err(error) = LiveSession::start(plane(600.0, 500.0, 0.3), strict) {
+        assert!(
+            matches!(&error, SessionError::Strict { .. }) && error.to_string().contains("refused"),
+            "{error}"
+        );
+    }
+}
+
+/// A core is given back with its thread: the next session has it again, and one beside it asks for another.
+#[cfg(target_os = "linux")]
+#[test]
+fn sessions_after_each_other_have_the_same_core() {
+    struct Where(Arc<Mutex<Vec<i32>>>, Box<Pressed>);
+    impl Device for Where {
+        fn capabilities(&self) -> &Capabilities {
+            self.1.capabilities()
+        }
+        fn open(&mut self) -> Result<(), OpenError> {
+            Ok(())
+        }
+        fn read(&mut self, now_s: f64) -> Result<Sample, Fault> {
+            self.1.read(now_s)
+        }
+        fn write(&mut self, command: &Command) -> Result<(), Fault> {
+            let core = rustix::thread::sched_getcpu() as i32;
+            self.0.lock().unwrap().push(core);
+            self.1.write(command)
+        }
+        fn close(&mut self) {}
+    }
+    let core_of = |nth: u32| {
+        let cores = Arc::new(Mutex::new(Vec::new()));
+        let device = Box::new(Where(cores.clone(), Pressed::new(false).0));
+        let real_time = RealTime { core: Some(nth), ..config().real_time };
+        let config = SessionConfig { seconds: Some(0.05), real_time, ..config() };
+        let prepared = PreparedSession::with_device(plane(600.0, 500.0, 0.3).into(), device, config, None);
+        assert!(prepared.unwrap().start().unwrap().join().report.end.is_well());
+        let cores = cores.lock().unwrap();
+        let first = cores[0];
+        assert!(cores.iter().all(|core| *core == first), "{cores:?}");
+        first
+    };
+    let count = rustix::thread::sched_getaffinity(None).unwrap().count();
+    if count < 2 {
+        eprintln!("skipped: there is one core, which no thread has for its own");
+        return;
+    }
+    assert_eq!(core_of(0), core_of(0));
+    assert_eq!(core_of(0) != core_of(1), count > 2);
+}
+
+#[derive(Default)]
+struct Watcher {
+    looks: u64,
+    ended: Vec<usize>,
+}
+
+impl Observer for Watcher {
+    fn look(&mut self, _: usize, session: &LiveSession) {
+        self.looks += u64::from(session.latest().is_some());
+    }
+    fn ended(&mut self, index: usize, _: &Outcome) {
+        self.ended.push(index);
+    }
+}
+
+#[test]
+fn several_sessions_are_watched_until_each_has_ended() {
+    let body: SessionBody = plane(600.0, 500.0, 0.3).into();
+    let sessions = [0.3, 0.1].map(|seconds| {
+        let config = SessionConfig {
+            seconds: Some(seconds),
+            history: History { seconds: 0.0, ..History::default() },
+            ..config()
+        };
+        let device = Pressed::new(false).0;
+        PreparedSession::with_device(body.clone(), device, config, None).unwrap().start().unwrap()
+    });
+    let mut watcher = Watcher::default();
+    let outcomes = supervise(sessions.into(), &|| None, &mut watcher);
+    assert_eq!(outcomes.len(), 2);
+    assert!(outcomes.iter().all(|o| o.report.end == End::Done), "{outcomes:?}");
+    assert!(watcher.ended == [1, 0] && watcher.looks > 5, "{:?}", watcher.ended);
+}
+
+/// The simulated device of a configuration, and the virtual clock with the same limits.
+#[test]
+fn the_limits_are_the_same_on_both_clocks() {
+    let body = plane(2000.0, 2000.0, 0.3);
+    let config = SessionConfig {
+        seconds: Some(0.8),
+        motion: "press".into(),
+        safety: Safety {
+            force_max_n: Some(0.5),
+            soft_start_s: 0.1,
+            silence_s: Some(5.0),
+            ..Safety::default()
+        },
+        workspace: Placement::default(),
+        ..config()
+    };
+    let summary = palpate_runtime::run_virtual(&body, &config, |_, _| Ok(())).unwrap();
+    assert!(summary.limits.force_max_n == 0.5 && summary.stages["saturated"] > 50, "{:?}", summary.stages);
+    assert_eq!(summary.stages["starting"], 99);
+    let session = LiveSession::start(body, config).unwrap();
+    let outcome = session.join();
+    assert!(outcome.report.end.is_well());
+    assert!(outcome.finished.summary.stages["saturated"] > 50, "{:?}", outcome.finished.summary.stages);
+}
