@@ -31,6 +31,8 @@ const ABOVE: f64 = 20e-3;
 const RING_S: f64 = 2.0;
 /// Between two lines that tell how it goes, s.
 const TOLD_EVERY: Duration = Duration::from_secs(1);
+/// For as long as it likes, s.
+const AT_LEISURE: f64 = 1e9;
 /// Between two looks at the sessions.
 const PAUSE: Duration = Duration::from_millis(20);
 /// From so many elements on a body stays in its file unless something else is said: opened into memory it would take seconds,
@@ -331,7 +333,8 @@ fn prepare(
     let mut safety = *safety;
     if is_replay {
         // Nobody feels it; what is recorded should be what the body answers.
-        safety = Safety { force_max_n: safety.force_max_n.or(Some(1e3)), soft_start_s: 0.0, ..safety };
+        let (force_max_n, silence_s) = (safety.force_max_n.or(Some(1e3)), Some(AT_LEISURE));
+        safety = Safety { force_max_n, silence_s, soft_start_s: 0.0, stale_s: AT_LEISURE, ..safety };
     }
     let mut stages = safety.stages(device.capabilities(), settings.rate_hz)?;
     stages.coupling =

@@ -37,7 +37,7 @@ seconds = 60
 "#;
 
 /// On any machine: no rights are asked for, and load beside is forgiven.
-const CALM: &str = "--priority 0 --late-ms 10000 --stale-ms 10000 --soft-start-s 0.05";
+const CALM: &str = "--priority 0 --late-ms 10000 --stale-ms 10000 --soft-start-s 0.05 --silence-ms 10";
 
 /// The desk, with `intent.toml`.
 fn directory() -> TestDirectory {
@@ -515,7 +515,7 @@ fn wrong_options_are_refused_before_anything_moves() {
     for (more, code, words) in [
         ("--force-max-n=-1", 1, &["force_max_n", "-1"][..]),
         ("--force-max-n nan", 1, &["force_max_n"]),
-        ("--slew-n-per-s 10", 1, &["slew_n_per_s", "at least 1650 N/s"]),
+        ("--slew-n-per-s 10", 1, &["slew_n_per_s", "at least 1500 N/s"]),
         ("--soft-start-s=-1", 1, &["soft_start_s"]),
         ("--damping-n-s-per-m 1000", 1, &["damping_n_s_per_m"]),
         ("--scale 0", 1, &["scale"]),
@@ -536,6 +536,8 @@ fn wrong_options_are_refused_before_anything_moves() {
         ("--patch-elements 0", 1, &["--patch-elements 0"]),
         ("--late-ms 0", 1, &["--late-ms 0"]),
         ("--stale-ms nan", 1, &["--stale-ms"]),
+        ("--silence-ms 11", 1, &["--silence-ms 11", "10 ms"]),
+        ("--silence-ms 0.5", 1, &["--silence-ms 0.5"]),
         ("--spin-us=-1", 1, &["--spin-us"]),
     ] {
         // Where it is not refused it would go on for long.

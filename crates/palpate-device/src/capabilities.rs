@@ -69,6 +69,8 @@ pub struct Capabilities {
     pub rates: Rates,
     /// Who sets the pace.
     pub pace: Pace,
+    /// How old the velocity is that it reports, s: half of the time that it is averaged over. `None` if it reports none.
+    pub velocity_delay_s: Option<Figure>,
     /// Its mechanics at the handle, for the sampled-data rule and for simulating it.
     pub mechanics: Mechanics,
 }

@@ -1,6 +1,7 @@
 //! The trait, and what passes through it every period: plain data of fixed size.
 
 use crate::{Capabilities, Fault, OpenError};
+use std::sync::Arc;
 
 /// A haptic device, real, simulated or replayed. See the crate's first page for the order of calls.
 pub trait Device: Send {
@@ -37,7 +38,14 @@ pub trait Device: Send {
     /// Renders no force and disconnects. Does nothing on a device that is not open.
     fn close(&mut self);
 
-    /// What the user should know of an open device: settings that it refused. Empty for most.
+    /// Takes the force off an open device from outside of the loop, also while the loop's thread is in a panic. `None` for
+    /// devices that no hand holds.
+    fn emergency_stop(&self) -> Option<Arc<dyn EmergencyStop>> {
+        None
+    }
+
+    /// What an open device could not be had for, a line each: a watchdog that it refused, a calibration that it lacks. Known
+    /// before its first force.
     fn notes(&self) -> &[String] {
         &[]
     }
@@ -46,6 +54,16 @@ pub trait Device: Send {
     fn explain(&self, fault: Fault) -> String {
         fault.to_string()
     }
+}
+
+/// Takes a device's force off at once, in place of the loop.
+pub trait EmergencyStop: Send + Sync + std::fmt::Debug {
+    /// From now on the device renders nothing, whatever is written to it, until it is opened anew. From the thread of the
+    /// loop at once; from another with the next callback, message or command. Does nothing once the device is closed.
+    ///
+    /// # Real-time
+    /// Waits for nothing and allocates nothing, so that a panic's hook can call it.
+    fn stop(&self);
 }
 
 impl<D: Device + ?Sized> Device for Box<D> {
@@ -71,6 +89,10 @@ impl<D: Device + ?Sized> Device for Box<D> {
 
     fn explain(&self, fault: Fault) -> String {
         (**self).explain(fault)
+    }
+
+    fn emergency_stop(&self) -> Option<Arc<dyn EmergencyStop>> {
+        (**self).emergency_stop()
     }
 
     fn notes(&self) -> &[String] {
@@ -111,7 +133,8 @@ pub struct Sample {
 /// How a device is, where it says so.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Status {
-    /// It renders no force: switched off, a grip that nobody holds, not homed.
+    /// It renders no force, whatever it is commanded: forces switched off by a button or by its own watchdog, a grip that
+    /// nobody holds, not homed; or the driver holds back until it is commanded zero, after a silence.
     pub idle: bool,
     /// It cut the last command to what its motors can.
     pub saturated: bool,

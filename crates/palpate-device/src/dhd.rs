@@ -2,19 +2,24 @@
 //!
 //! The vendor's calls are made in the loop's own thread, as the vendor's examples make them: reading the position and
 //! setting the force talk to the device over USB and return when it has answered, within a fraction of a millisecond.
-//! A call that hangs holds the loop; the device's own watchdog then takes the force off ([`DhdOptions::watchdog_s`]).
+//! A call that hangs holds the loop; the device's own watchdog then disables forces ([`DhdOptions::watchdog_s`]). They are
+//! enabled again when the loop has commanded zero, and not if a button or a grip switched them off: that is the hand's.
 //!
 //! A return below 0 is an error; 1 (the time guard: nothing new since the last call) and 2 (the motors are at their
 //! limit) are not.
 
 use crate::frame::Axes;
+use crate::latch::Latch;
 use crate::library::{self, prototypes, text};
 use crate::limit::{self, Limits};
 use crate::{
-    Capabilities, Command, Device, Fault, Figure, Freedom, OpenError, Pose, Sample, Status, presets,
+    Capabilities, Command, Device, EmergencyStop, Fault, Figure, Freedom, OpenError, Pose, Sample, Status,
+    presets,
 };
 use std::ffi::{CStr, c_char, c_double, c_int, c_uchar, c_uint};
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 /// As the loader looks for it; `libdrd` holds the same functions and more.
 const NAMES: &[&str] = if cfg!(windows) {
@@ -32,10 +37,22 @@ const TIME_GUARD: c_int = 1;
 const MOTOR_SATURATED: c_int = 2;
 /// Room for the status words: 17 are documented, later SDKs may write more.
 const STATUS_WORDS: usize = 64;
+/// The word that is 1 while the device waits to be calibrated.
+const STATUS_RESET: usize = 3;
 /// The word that is 1 while forces are on.
 const STATUS_FORCE: usize = 5;
-/// The status is asked for once in so many reads: it changes at a hand's pace.
+/// The word that is 1 once the wrist is calibrated.
+const STATUS_WRIST_INIT: usize = 12;
+/// The word that says what switched the forces off last.
+const STATUS_FORCE_OFF_CAUSE: usize = 14;
+/// That was the watchdog.
+const CAUSE_WATCHDOG: c_int = 3;
+/// What the library did not say.
+const UNTOLD: c_int = -1;
+/// The status is asked for once in so many reads: it changes at a hand's pace. After a silence it is asked for at once.
 const STATUS_EVERY: u64 = 16;
+/// The velocity is an average over 20 ms by the library's default.
+const VELOCITY_DELAY_S: f64 = 0.01;
 /// One step of the device's watchdog, s.
 const WATCHDOG_STEP_S: f64 = 125e-6;
 
@@ -53,7 +70,6 @@ prototypes! {
         has_active_wrist = dhdHasActiveWrist(id: c_char) -> bool;
         set_gravity_compensation = dhdSetGravityCompensation(on: c_int, id: c_char) -> c_int;
         set_max_force = dhdSetMaxForce(newtons: c_double, id: c_char) -> c_int;
-        set_watchdog = dhdSetWatchdog(steps: c_uchar, id: c_char) -> c_int;
         enable_force = dhdEnableForce(on: c_uchar, id: c_char) -> c_int;
         set_force = dhdSetForceAndTorqueAndGripperForce(
             fx: c_double, fy: c_double, fz: c_double, tx: c_double, ty: c_double, tz: c_double, grip: c_double, id: c_char
@@ -69,6 +85,10 @@ prototypes! {
     }
     optional {
         error_number = dhdErrorGetLast() -> c_int;
+        enable_expert_mode = dhdEnableExpertMode() -> c_int;
+        set_watchdog = dhdSetWatchdog(c_uchar, c_char) -> c_int;
+        get_watchdog = dhdGetWatchdog(*mut c_uchar, c_char) -> c_int;
+        is_initialised = drdIsInitialized(c_char) -> bool;
     }
 }
 
@@ -79,11 +99,14 @@ pub struct DhdOptions {
     pub library: Option<PathBuf>,
     /// Of several devices the one at this place in the vendor's list, from 0, the default.
     pub index: Option<u8>,
-    /// The largest force, N, in place of the model's.
+    /// The largest force, N, where it is lower than the model's.
     pub max_force_n: Option<f64>,
-    /// The device takes its force off when it hears nothing for so long, s, in steps of 0.125 ms up to 31.875 ms;
-    /// `None` switches that off. By default 20 ms: many periods, and short for a hand.
-    pub watchdog_s: Option<f64>,
+    /// The device disables its forces when it gets no command for so long, s, in steps of 0.125 ms up to 31.875 ms. By
+    /// default 20 ms: many periods, and short for a hand.
+    pub watchdog_s: f64,
+    /// Whether a device that doesn't take the watchdog is refused. It is the only thing that takes the force off when this
+    /// program or its machine hangs.
+    pub watchdog_required: bool,
     /// Whether the device carries its own weight. It does by default.
     pub gravity_compensation: bool,
 }
@@ -94,7 +117,8 @@ impl Default for DhdOptions {
             library: None,
             index: None,
             max_force_n: None,
-            watchdog_s: Some(0.02),
+            watchdog_s: 0.02,
+            watchdog_required: true,
             gravity_compensation: true,
         }
     }
@@ -164,50 +188,67 @@ impl Device for Dhd {
         &self.capabilities
     }
 
-    /// The order: count, open, what it is, gravity compensation, largest force, watchdog. Forces stay off until the
-    /// first `write` after a good pose.
+    /// The order: count, open, what it is, watchdog, gravity compensation, largest force, calibration. Forces stay off until
+    /// the first `write` after a good pose.
     fn open(&mut self) -> Result<(), OpenError> {
         self.close();
         self.notes.clear();
-        let most = limit::of_user("dhd", self.options.max_force_n)?;
+        // A limit that can't be is said before anything is opened.
+        limit::lower("dhd", &mut self.capabilities.max_force_n.clone(), self.options.max_force_n)?;
         let mut port = self.connect()?;
-        let mut capabilities = model(&text(port.calls.name(port.id)));
-        let wrist = port.calls.has_wrist(port.id);
-        let driven = port.calls.has_active_wrist(port.id);
+        let Shared { calls, id, .. } = &*port.shared;
+        let mut capabilities = model(&text(calls.name(*id)));
+        let wrist = calls.has_wrist(*id);
+        let driven = calls.has_active_wrist(*id);
         capabilities.sensed = Freedom { translations: 3, rotations: if wrist { 3 } else { 0 } };
         capabilities.driven = Freedom { translations: 3, rotations: if driven { 3 } else { 0 } };
         if !driven {
             capabilities.max_torque_nm = None;
         }
-        if let Some(most) = most {
-            capabilities.max_force_n = most;
-        }
+        limit::lower("dhd", &mut capabilities.max_force_n, self.options.max_force_n)?;
         port.wrist = wrist;
         port.limits = Limits::of(&capabilities);
-        let steps = self.options.watchdog_s.map_or(0.0, |s| (s / WATCHDOG_STEP_S).round().clamp(1.0, 255.0));
+        let steps = (self.options.watchdog_s / WATCHDOG_STEP_S).round().clamp(1.0, 255.0);
+        port.watchdog_s = steps * WATCHDOG_STEP_S;
+        if let Err(problem) = port.shared.calls.arm_watchdog(steps as c_uchar, port.shared.id) {
+            let problem = format!("its watchdog can't be armed: {problem}");
+            if self.options.watchdog_required {
+                return Err(self.error(
+                    problem,
+                    "get the current SDK and firmware; or do without (--without-device-watchdog), and nothing takes the force \
+                     off when this program hangs",
+                ));
+            }
+            self.notes.push(format!("{problem}: nothing takes the force off when this program hangs"));
+        }
+        let Shared { calls, id, .. } = &*port.shared;
         let gravity = c_int::from(self.options.gravity_compensation);
         for (answer, what) in [
-            (port.calls.set_gravity_compensation(gravity, port.id), "compensation of its weight"),
-            (port.calls.set_max_force(capabilities.max_force_n.value, port.id), "a limit of the force"),
-            (port.calls.set_watchdog(steps as c_uchar, port.id), "a watchdog"),
+            (calls.set_gravity_compensation(gravity, *id), "compensation of its weight"),
+            (calls.set_max_force(capabilities.max_force_n.value, *id), "a limit of the force"),
         ] {
             if answer < 0 {
-                self.notes.push(format!("it refuses {what}: {}", text(port.calls.error_text())));
+                self.notes.push(format!("it refuses {what}: {}", text(calls.error_text())));
             }
+        }
+        if calls.is_uncalibrated(wrist, *id) {
+            self.notes.push(
+                "it is not calibrated, and its positions may be wrong: run the vendor's HapticInit".into(),
+            );
         }
         (self.capabilities, self.port) = (capabilities, Some(port));
         Ok(())
     }
 
-    fn read(&mut self, _: f64) -> Result<Sample, Fault> {
+    fn read(&mut self, now_s: f64) -> Result<Sample, Fault> {
         let port = self.port.as_mut().ok_or(Fault::NotOpen)?;
-        port.read().inspect_err(|_| self.trouble = Trouble::of(port.calls.error_text()))
+        port.read(now_s).inspect_err(|_| self.trouble = Trouble::of(port.shared.calls.error_text()))
     }
 
     /// Before the first good pose nothing is rendered, and nothing is sent.
     fn write(&mut self, command: &Command) -> Result<(), Fault> {
         let port = self.port.as_mut().ok_or(Fault::NotOpen)?;
-        port.write(command).inspect_err(|_| self.trouble = Trouble::of(port.calls.error_text()))
+        port.write(command).inspect_err(|_| self.trouble = Trouble::of(port.shared.calls.error_text()))
     }
 
     fn close(&mut self) {
@@ -216,6 +257,10 @@ impl Device for Dhd {
 
     fn notes(&self) -> &[String] {
         &self.notes
+    }
+
+    fn emergency_stop(&self) -> Option<Arc<dyn EmergencyStop>> {
+        Some(self.port.as_ref()?.shared.clone())
     }
 
     fn explain(&self, fault: Fault) -> String {
@@ -241,13 +286,46 @@ impl Trouble {
     }
 }
 
+/// What the loop and an emergency stop share.
+#[derive(Debug)]
+struct Shared {
+    calls: Calls,
+    id: c_char,
+    open: AtomicBool,
+    stopped: AtomicBool,
+    /// The thread that reads and writes.
+    thread: AtomicUsize,
+}
+
+/// Tells threads from each other, in a panic too.
+fn this_thread() -> usize {
+    thread_local!(static HERE: u8 = const { 0 });
+    HERE.try_with(|here| (&raw const *here).addr()).unwrap_or(0)
+}
+
+impl EmergencyStop for Shared {
+    /// Two threads in the vendor's library at once are nowhere allowed: from another thread than the loop's, the loop's next
+    /// write is zero.
+    fn stop(&self) {
+        self.stopped.store(true, Ordering::SeqCst);
+        if self.open.load(Ordering::SeqCst) && self.thread.load(Ordering::SeqCst) == this_thread() {
+            self.calls.set_all([0.0; 3], [0.0; 3], self.id);
+        }
+    }
+}
+
 /// An open device. Dropped, in whatever way, it renders no force, is disabled, and closed.
 #[derive(Debug)]
 struct Port {
-    calls: Calls,
-    id: c_char,
+    shared: Arc<Shared>,
     wrist: bool,
     limits: Limits,
+    watchdog_s: f64,
+    latch: Latch,
+    /// Forces are off; whether the watchdog did it, so that they may be enabled again.
+    off: Option<bool>,
+    /// When the loop read last, s.
+    read_s: Option<f64>,
     /// In the vendor's axes: what it last said, NaN before.
     position: [f64; 3],
     frame: Frame,
@@ -259,11 +337,21 @@ struct Port {
 
 impl Port {
     fn new(calls: Calls, id: c_char) -> Self {
-        Port {
+        let shared = Shared {
             calls,
             id,
+            open: AtomicBool::new(true),
+            stopped: AtomicBool::new(false),
+            thread: AtomicUsize::new(this_thread()),
+        };
+        Port {
+            shared: Arc::new(shared),
             wrist: false,
             limits: Limits::NONE,
+            watchdog_s: 0.0,
+            latch: Latch::default(),
+            off: None,
+            read_s: None,
             position: [f64::NAN; 3],
             frame: [[f64::NAN; 3]; 3],
             sequence: 0,
@@ -273,8 +361,11 @@ impl Port {
         }
     }
 
-    fn read(&mut self) -> Result<Sample, Fault> {
-        let answer = self.calls.read_pose(self.wrist, &mut self.position, &mut self.frame, self.id);
+    fn read(&mut self, now_s: f64) -> Result<Sample, Fault> {
+        let shared = self.shared.clone();
+        let Shared { calls, id, thread, .. } = &*shared;
+        thread.store(this_thread(), Ordering::SeqCst);
+        let answer = calls.read_pose(self.wrist, &mut self.position, &mut self.frame, *id);
         let answer = self.check(answer)?;
         let orientation = if self.wrist {
             // C's m[row][column].
@@ -287,32 +378,61 @@ impl Port {
         let good = self.position.iter().all(|x| x.is_finite());
         let orientation = orientation.filter(|_| good).ok_or(Fault::Garbled)?;
         self.sequence += u64::from(answer != TIME_GUARD || self.sequence == 0);
-        if self.reads.is_multiple_of(STATUS_EVERY) {
-            self.status.idle = self.enabled && self.calls.forces_are_off(self.id);
-        }
+        self.look_at_forces(now_s);
+        self.status.idle = self.off.is_some() || self.latch.is_closed();
         self.reads += 1;
         Ok(Sample {
             sequence: self.sequence,
             pose: Pose { position_m: Axes::X_TOWARDS.ours(self.position), orientation },
-            velocity_m_per_s: self.calls.read_velocity(self.id).map(|v| Axes::X_TOWARDS.ours(v)),
-            buttons: self.calls.buttons(self.id),
+            velocity_m_per_s: calls.read_velocity(*id).map(|v| Axes::X_TOWARDS.ours(v)),
+            buttons: calls.buttons(*id),
             status: self.status,
         })
+    }
+
+    /// Whether the device has disabled its forces, and why.
+    fn look_at_forces(&mut self, now_s: f64) {
+        let silent_s = self.read_s.replace(now_s).map_or(0.0, |then| now_s - then);
+        let is_due = self.reads.is_multiple_of(STATUS_EVERY);
+        let suspect = self.off.is_some() || self.latch.is_closed() || silent_s > 0.5 * self.watchdog_s;
+        if !self.enabled || !(is_due || suspect) {
+            return;
+        }
+        match self.shared.calls.forces(self.shared.id) {
+            Some(Forces { on: false, cause }) => {
+                // Older libraries don't say what it was.
+                let by_watchdog =
+                    cause == CAUSE_WATCHDOG || (cause == UNTOLD && silent_s > 0.9 * self.watchdog_s);
+                self.off = Some(self.off.unwrap_or(false) || by_watchdog);
+                self.latch.close();
+            }
+            Some(Forces { on: true, .. }) => self.off = None,
+            None => {}
+        }
     }
 
     fn write(&mut self, command: &Command) -> Result<(), Fault> {
         if self.sequence == 0 {
             return Ok(());
         }
+        let shared = self.shared.clone();
+        let Shared { calls, id, thread, stopped, .. } = &*shared;
+        thread.store(this_thread(), Ordering::SeqCst);
         let (command, cut) = self.limits.hold(command);
-        if !self.enabled {
-            // Whatever another program left behind is not to be felt.
-            self.check(self.calls.set_all([0.0; 3], [0.0; 3], self.id))?;
-            self.check(self.calls.enable_force(1, self.id))?;
-            self.enabled = true;
+        let [[fx, fy, fz], [tx, ty, tz]] = [command.force_n, command.torque_nm];
+        let [fx, fy, fz, tx, ty, tz] = self.latch.pass([fx, fy, fz, tx, ty, tz]);
+        let is_stopped = stopped.load(Ordering::SeqCst);
+        let rearm = self.off == Some(true) && !self.latch.is_closed();
+        if (!self.enabled || rearm) && !is_stopped {
+            // Whatever another program left behind, or the device before its silence, is not to be felt.
+            self.check(calls.set_all([0.0; 3], [0.0; 3], *id))?;
+            self.check(calls.enable_force(1, *id))?;
+            // Whether it did is looked at in the next read.
+            (self.enabled, self.reads) = (true, 0);
         }
-        let [force, torque] = [command.force_n, command.torque_nm].map(|v| Axes::X_TOWARDS.theirs(v));
-        let answer = self.check(self.calls.set_all(force, torque, self.id))?;
+        let [force, torque] = [[fx, fy, fz], [tx, ty, tz]]
+            .map(|v| if is_stopped { [0.0; 3] } else { Axes::X_TOWARDS.theirs(v) });
+        let answer = self.check(calls.set_all(force, torque, *id))?;
         self.status.saturated = cut || answer == MOTOR_SATURATED;
         Ok(())
     }
@@ -322,7 +442,7 @@ impl Port {
             return Ok(answer);
         }
         // The vendor's list of errors: 2 communication, 5 no device, 7 time-out. Older libraries have no number.
-        Err(match self.calls.last_error() {
+        Err(match self.shared.calls.last_error() {
             Some(2 | 5) => Fault::Disconnected,
             Some(7) => Fault::TimedOut,
             Some(number) if number != 0 => Fault::Code(number.into()),
@@ -334,10 +454,18 @@ impl Port {
 impl Drop for Port {
     /// Each call is made whatever the ones before answered: a device that is half gone may still hear the next.
     fn drop(&mut self) {
-        self.calls.set_all([0.0; 3], [0.0; 3], self.id);
-        self.calls.enable_force(0, self.id);
-        self.calls.close(self.id);
+        let Shared { calls, id, open, .. } = &*self.shared;
+        calls.set_all([0.0; 3], [0.0; 3], *id);
+        calls.enable_force(0, *id);
+        open.store(false, Ordering::SeqCst);
+        calls.close(*id);
     }
+}
+
+/// Whether forces are on, and what switched them off last.
+struct Forces {
+    on: bool,
+    cause: c_int,
 }
 
 /// The rest of the vendor's functions as safe ones.
@@ -355,12 +483,49 @@ impl Calls {
         Some([x, y, z]).filter(|v| answer >= 0 && v.iter().all(|c| c.is_finite()))
     }
 
-    /// Switched off at the device, or by its watchdog.
-    fn forces_are_off(&self, id: c_char) -> bool {
-        let mut words = [1; STATUS_WORDS];
+    /// The status words; what the library does not write stays [`UNTOLD`]. `None` where it fails.
+    fn words(&self, id: c_char) -> Option<[c_int; STATUS_WORDS]> {
+        let mut words = [UNTOLD; STATUS_WORDS];
         // SAFETY: the library is open, and writes fewer words than there is room for.
         let answer = unsafe { (self.status)(words.as_mut_ptr(), id) };
-        answer >= 0 && words[STATUS_FORCE] == 0
+        (answer >= 0).then_some(words)
+    }
+
+    fn forces(&self, id: c_char) -> Option<Forces> {
+        let words = self.words(id)?;
+        Some(Forces { on: words[STATUS_FORCE] != 0, cause: words[STATUS_FORCE_OFF_CAUSE] })
+    }
+
+    /// Whether it says so; of an older library nobody knows.
+    fn is_uncalibrated(&self, wrist: bool, id: c_char) -> bool {
+        let told = self
+            .words(id)
+            .is_some_and(|words| words[STATUS_RESET] == 1 || (wrist && words[STATUS_WRIST_INIT] == 0));
+        // SAFETY: the library is open.
+        told || self.is_initialised.is_some_and(|ask| unsafe { !ask(id) })
+    }
+
+    /// Arms the device's watchdog, and sees whether it is. The calls are of the vendor's expert mode, and do nothing outside
+    /// of it.
+    fn arm_watchdog(&self, steps: c_uchar, id: c_char) -> Result<(), String> {
+        let (Some(expert), Some(set), Some(get)) =
+            (self.enable_expert_mode, self.set_watchdog, self.get_watchdog)
+        else {
+            return Err("its library is too old for one".into());
+        };
+        // SAFETY: the library is open.
+        if unsafe { expert() < 0 || set(steps, id) < 0 } {
+            return Err(text(self.error_text()));
+        }
+        let mut armed = 0;
+        // SAFETY: the library is open, and writes one byte.
+        if unsafe { get(&mut armed, id) } < 0 {
+            return Err(text(self.error_text()));
+        }
+        if armed != steps {
+            return Err(format!("it was set to {steps} steps, and is at {armed}"));
+        }
+        Ok(())
     }
 
     fn set_all(&self, [fx, fy, fz]: [f64; 3], [tx, ty, tz]: [f64; 3], id: c_char) -> c_int {
@@ -387,5 +552,7 @@ fn model(name: &str) -> Capabilities {
     }
     capabilities.name = if name.is_empty() { "Force Dimension".into() } else { name.to_owned().into() };
     capabilities.buttons = u32::BITS;
+    let averaged = "half of the 20 ms over which the vendor's library averages by default";
+    capabilities.velocity_delay_s = Some(Figure::stated(VELOCITY_DELAY_S, averaged));
     capabilities
 }

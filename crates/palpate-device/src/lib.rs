@@ -7,8 +7,9 @@
 //! [`Simulated`] and [`Replay`] need no hardware. [`Dhd`] (Force Dimension), [`OpenHaptics`] (3D Systems) and [`Haply`]
 //! (Inverse3) are drivers: the vendors' libraries are opened, and the service is called, at run time, so that the crate
 //! builds without any SDK. They were tested against stand-ins only, none with a device. What they have in common: no
-//! force before the first good pose; what leaves is finite and within the limits; and however they end, by `close`, a
-//! fault, a panic or a drop, there is zero force first.
+//! force before the first good pose; what leaves is finite and within the limits; none after a silence of the loop's, or after the
+//! device took its forces off by itself, until the loop has commanded zero; and however they end, by `close`, a fault, a
+//! panic or a drop, there is zero force first.
 //!
 //! # Order of calls
 //! `open`, then any number of periods of `read` and `write` in this order, then `close`. A device that was opened
@@ -40,6 +41,7 @@ mod first_pose;
 mod frame;
 #[cfg(feature = "vendors")]
 mod haply;
+mod latch;
 mod latest;
 #[cfg(feature = "vendors")]
 mod library;
@@ -51,7 +53,7 @@ mod replay;
 pub mod simulated;
 
 pub use capabilities::{Basis, Capabilities, Figure, Freedom, Mechanics, Pace, Rates, Workspace};
-pub use device::{Command, Device, Pose, Sample, Status};
+pub use device::{Command, Device, EmergencyStop, Pose, Sample, Status};
 #[cfg(feature = "vendors")]
 pub use dhd::{Dhd, DhdOptions};
 pub use error::{Fault, OpenError};

@@ -80,8 +80,9 @@ macro_rules! prototypes {
             $($plain: unsafe extern "C" fn($($type),*) $(-> $result)?,)*
             $($raw: unsafe extern "C" fn($($raw_type),*) $(-> $raw_result)?,)*
             $($may: Option<unsafe extern "C" fn($($may_type),*) $(-> $may_result)?>,)*
-            /// The functions live as long as it is open.
-            _library: libloading::Library,
+            /// The functions live as long as it is open. It stays so until the program ends: a thread of the vendor's may
+            /// still run in it, also when all that is known of has been stopped.
+            _library: std::mem::ManuallyDrop<libloading::Library>,
         }
 
         #[allow(unsafe_code, reason = "a symbol's type is only known from its prototype")]
@@ -95,7 +96,7 @@ macro_rules! prototypes {
                         $($plain: crate::library::symbol(&library, stringify!($plain_symbol))?,)*
                         $($raw: crate::library::symbol(&library, stringify!($raw_symbol))?,)*
                         $($may: crate::library::symbol(&library, stringify!($may_symbol)).ok(),)*
-                        _library: library,
+                        _library: std::mem::ManuallyDrop::new(library),
                     })
                 }
             }

@@ -47,18 +47,22 @@ fn held(v: [f64; 3], most: f64) -> ([f64; 3], bool) {
     (v.to_array(), true)
 }
 
-/// The user's own largest force, if any.
+/// Lowers a device's largest force to the user's own, if there is one.
 ///
 /// # Errors
 /// It is not above 0.
-pub(crate) fn of_user(device: &str, max_force_n: Option<f64>) -> Result<Option<Figure>, OpenError> {
-    match max_force_n {
-        Some(most) if !(most > 0.0 && most.is_finite()) => Err(OpenError {
+pub(crate) fn lower(device: &str, most: &mut Figure, user: Option<f64>) -> Result<(), OpenError> {
+    match user {
+        Some(user) if !(user > 0.0 && user.is_finite()) => Err(OpenError {
             device: device.into(),
-            problem: format!("the largest force is {most} N"),
+            problem: format!("the largest force is {user} N"),
             hint: "give a number above 0".into(),
         }),
-        most => Ok(most.map(|most| Figure::stated(most, "the user"))),
+        Some(user) if user < most.value => {
+            *most = Figure::stated(user, "the user");
+            Ok(())
+        }
+        _ => Ok(()),
     }
 }
 

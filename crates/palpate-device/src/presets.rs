@@ -111,6 +111,7 @@ fn row(row: Row) -> Capabilities {
         buttons: 1,
         rates: Rates { least_hz: 0.0, usual_hz: 1000.0, most_hz: row.most_hz },
         pace: Pace::Loop,
+        velocity_delay_s: None,
         mechanics: Mechanics {
             mass_kg: row.mass,
             damping_n_s_per_m: row.damping,
@@ -140,6 +141,7 @@ fn bench() -> Capabilities {
         buttons: 0,
         rates: Rates { least_hz: 0.0, usual_hz: 1000.0, most_hz: f64::INFINITY },
         pace: Pace::Loop,
+        velocity_delay_s: None,
         mechanics: Mechanics {
             mass_kg: Figure::chosen(0.1),
             damping_n_s_per_m: Figure::chosen(0.3),

@@ -44,8 +44,9 @@ fn the_order_of_calls() {
     let library = LIBRARY.copy();
     let mut device = Dhd::new(options(&library));
     device.open().unwrap();
-    // 20 ms are 160 steps of 125 µs; an omega renders 12 N.
-    let expected = ["count()", "open(0)", "gravity(1, 5)", "max_force(12, 5)", "watchdog(160, 5)"];
+    // 20 ms are 160 steps of 125 µs, and only an expert may set them; an omega renders 12 N.
+    let expected =
+        ["count()", "open(0)", "expert()", "watchdog(160, 5)", "gravity(1, 5)", "max_force(12, 5)"];
     assert_eq!(library.take_log(), expected);
     // No force before a pose.
     device.write(&push([1.0, 0.0, 0.0])).unwrap();
@@ -146,17 +147,17 @@ fn the_user_sets_limit_watchdog_and_weight() {
     let library = LIBRARY.copy();
     let chosen = DhdOptions {
         max_force_n: Some(1.0),
-        watchdog_s: Some(0.001),
+        watchdog_s: 0.001,
         gravity_compensation: false,
         ..options(&library)
     };
     let mut device = Dhd::new(chosen);
     device.open().unwrap();
-    assert_eq!(library.take_log()[2..], ["gravity(0, 5)", "max_force(1, 5)", "watchdog(8, 5)"]);
+    assert_eq!(library.take_log()[3..], ["watchdog(8, 5)", "gravity(0, 5)", "max_force(1, 5)"]);
     device.read(0.0).unwrap();
     device.write(&push([0.0, 0.0, 5.0])).unwrap();
     assert_eq!(library.take_log().last().unwrap(), "force(0, 0, 1, 0, 0, 0, 0, 5)");
-    for (watchdog_s, steps) in [(None, 0), (Some(9.0), 255), (Some(0.0), 1)] {
+    for (watchdog_s, steps) in [(9.0, 255), (0.0, 1)] {
         Dhd::new(DhdOptions { watchdog_s, ..options(&library) }).open().unwrap();
         assert!(library.take_log().contains(&format!("watchdog({steps}, 5)")));
     }
@@ -280,23 +281,12 @@ fn no_numbers() {
 }
 
 #[test]
-fn forces_switched_off_at_the_device_are_seen() {
-    let library = LIBRARY.copy();
-    let mut device = pressing(&library);
-    assert!(!device.read(0.0).unwrap().status.idle);
-    library.set("forces_on", 0.0);
-    assert!((0..20).any(|_| device.read(0.0).unwrap().status.idle));
-    library.set("forces_on", 1.0);
-    assert!((0..20).any(|_| !device.read(0.0).unwrap().status.idle));
-}
-
-#[test]
 fn one_of_several() {
     let library = LIBRARY.copy();
     library.set("count", 2.0);
     let mut second = Dhd::new(DhdOptions { index: Some(1), ..options(&library) });
     second.open().unwrap();
-    assert_eq!(library.take_log()[1..3], ["open(1)", "gravity(1, 6)"]);
+    assert_eq!(library.take_log()[1..5], ["open(1)", "expert()", "watchdog(160, 6)", "gravity(1, 6)"]);
     second.close();
     assert_eq!(library.take_log().last().unwrap(), "close(6)");
     let error = Dhd::new(DhdOptions { index: Some(2), ..options(&library) }).open().unwrap_err().to_string();
@@ -334,10 +324,131 @@ fn refused_settings_are_noted() {
     let device = opened(&library);
     assert!(device.notes().is_empty());
     drop(device);
-    for call in ["gravity", "watchdog"] {
-        library.set(call, -1.0);
-    }
+    library.set("gravity", -1.0);
+    library.set("reset", 1.0);
     let device = opened(&library);
+    assert!(device.notes()[0].contains("weight: device error"), "{:?}", device.notes());
+    assert!(device.notes()[1].contains("not calibrated"), "{:?}", device.notes());
     assert_eq!(device.notes().len(), 2);
-    assert!(device.notes()[1].contains("watchdog: device error"), "{:?}", device.notes());
+}
+
+/// A limit above the model's does not lift it.
+#[test]
+fn a_users_limit_only_lowers_the_models() {
+    let library = LIBRARY.copy();
+    let mut device = Dhd::new(DhdOptions { max_force_n: Some(50.0), ..options(&library) });
+    device.open().unwrap();
+    assert!(library.take_log().contains(&"max_force(12, 5)".into()));
+    assert_eq!(device.capabilities().max_force_n.value, 12.0);
+}
+
+/// Refused, forgotten, or taken for another time: without it nothing would take the force off when the program hangs.
+#[test]
+fn a_device_whose_watchdog_is_not_armed_is_refused_unless_it_was_asked_for() {
+    for (setting, value, words) in [
+        ("watchdog", -1.0, "device error"),
+        ("expert", -1.0, "device error"),
+        ("watchdog_takes", 0.0, "is at 0"),
+    ] {
+        let library = LIBRARY.copy();
+        library.set(setting, value);
+        let error = Dhd::new(options(&library)).open().unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("--without-device-watchdog"), "{error}");
+        // It was open, and nothing is left behind.
+        let log = library.take_log();
+        assert_eq!(log[log.len() - 3..], END);
+        let mut device = Dhd::new(DhdOptions { watchdog_required: false, ..options(&library) });
+        device.open().unwrap();
+        assert!(device.notes()[0].contains("nothing takes the force off"), "{:?}", device.notes());
+    }
+}
+
+/// A period of a loop at this time that wants `force`, N upwards: whether the device was idle, and what it rendered after.
+fn period(library: &StandIn, device: &mut Dhd, now_s: f64, force: f64) -> (bool, f64) {
+    library.set("now", now_s);
+    let idle = device.read(now_s).unwrap().status.idle;
+    device.write(&push([0.0, 0.0, force])).unwrap();
+    (idle, library.rendered()[2])
+}
+
+/// The loop is silent: the firmware disables forces. A loop that goes on as if nothing had been gets no force until it has
+/// commanded zero: else the hand, which has sunk in, would be met with all of it at once.
+#[test]
+fn a_silent_loop() {
+    let library = LIBRARY.copy();
+    let mut device = Dhd::new(options(&library));
+    device.open().unwrap();
+    assert_eq!(period(&library, &mut device, 3.0, 2.0), (false, 2.0));
+    assert_eq!(period(&library, &mut device, 3.019, 2.0), (false, 2.0));
+    library.set("now", 3.0395);
+    assert_eq!(library.rendered()[2], 0.0);
+    library.take_log();
+    for k in 0..10 {
+        assert_eq!(period(&library, &mut device, 3.04 + f64::from(k) * 1e-3, 2.0), (true, 0.0));
+    }
+    assert!(!library.take_log().iter().any(|call| call.starts_with("enable")));
+    assert_eq!(period(&library, &mut device, 3.05, 0.0), (true, 0.0));
+    let log = library.take_log();
+    assert!(log.ends_with(&[NOTHING.into(), "enable(1, 5)".into(), NOTHING.into()]), "{log:?}");
+    assert_eq!(period(&library, &mut device, 3.051, 0.5), (false, 0.5));
+    // An older library does not say what it was: the silence does.
+    library.set("cause", -1.0);
+    assert_eq!(period(&library, &mut device, 3.09, 2.0), (true, 0.0));
+    assert_eq!(period(&library, &mut device, 3.091, 0.0), (true, 0.0));
+    assert_eq!(period(&library, &mut device, 3.092, 0.5), (false, 0.5));
+}
+
+/// Forces that somebody switched off by the button are that somebody's to switch on.
+#[test]
+fn forces_switched_off_by_hand_are_not_switched_on_by_the_driver() {
+    let library = LIBRARY.copy();
+    let mut device = pressing(&library);
+    library.set("forces_on", 0.0);
+    assert!((0..20).any(|_| period(&library, &mut device, 0.0, 2.0).0));
+    library.take_log();
+    for _ in 0..40 {
+        assert_eq!(period(&library, &mut device, 0.0, 0.0), (true, 0.0));
+    }
+    assert!(!library.take_log().iter().any(|call| call.starts_with("enable")));
+    library.set("forces_on", 1.0);
+    assert_eq!(period(&library, &mut device, 0.0, 0.0), (false, 0.0));
+    assert_eq!(period(&library, &mut device, 0.0, 0.1), (false, 0.1));
+}
+
+/// From the loop's thread, as a panic's hook calls it, at once; from another with the next write. What is written afterwards
+/// is not rendered; once closed nothing is called any more.
+#[test]
+fn an_emergency_stop() {
+    let library = LIBRARY.copy();
+    let mut device = pressing(&library);
+    let stop = device.emergency_stop().unwrap();
+    stop.stop();
+    assert_eq!(library.take_log(), [NOTHING]);
+    device.write(&push([0.0, 0.0, 2.0])).unwrap();
+    assert_eq!(library.take_log(), [NOTHING]);
+    device.close();
+    library.take_log();
+    stop.stop();
+    assert!(library.take_log().is_empty() && device.emergency_stop().is_none());
+
+    let mut device = pressing(&library);
+    let stop = device.emergency_stop().unwrap();
+    std::thread::spawn(move || stop.stop()).join().unwrap();
+    assert!(library.take_log().is_empty());
+    device.write(&push([0.0, 0.0, 2.0])).unwrap();
+    assert_eq!(library.take_log(), [NOTHING]);
+}
+
+/// A thread of the vendor's may still run in it.
+#[cfg(target_os = "linux")]
+#[test]
+fn the_vendors_library_stays_in_memory_when_the_device_is_closed() {
+    let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+    let own = folder.path().join("libown.so");
+    std::fs::copy(LIBRARY.file(), &own).unwrap();
+    let mut device = Dhd::new(DhdOptions { library: Some(own.clone()), ..DhdOptions::default() });
+    device.open().unwrap();
+    drop(device);
+    let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
+    assert!(maps.contains(own.to_str().unwrap()));
 }

@@ -42,11 +42,17 @@ fn inventory(devices: &str) -> String {
 fn state([x, y, z]: [f64; 3]) -> String {
     format!(
         r#"{{"inverse3":[{{"device_id":"0001","state":{{"cursor_position":{{"x":9,"y":9,"z":9}}}}}},
-            {{"device_id":"049D","status":{{"ready":false}},"state":{{"cursor_position":{{"x":{x},"y":{y},"z":{z}}},
-            "cursor_velocity":{{"x":0.1,"y":0.2,"z":0.3}},"current_cursor_force":{{"x":0,"y":0,"z":0}}}}}}],
+            {{"device_id":"049D","status":{{"ready":true}},"state":{{"cursor_position":{{"x":{x},"y":{y},"z":{z}}},
+            "cursor_velocity":{{"x":0,"y":0,"z":0}},"current_cursor_force":{{"x":0,"y":0,"z":0}}}}}}],
             "wireless_verse_grip":[{{"device_id":"61","state":{{"orientation":{{"w":0.6,"x":0,"y":0.8,"z":0}},
             "buttons":{{"a":false,"b":true,"c":false}}}}}}]}}"#
     )
+}
+
+/// The same of a handle that moves.
+fn moving(place: [f64; 3]) -> String {
+    state(place)
+        .replace(r#""cursor_velocity":{"x":0,"y":0,"z":0}"#, r#""cursor_velocity":{"x":0.1,"y":0.2,"z":0.3}"#)
 }
 
 impl Service {
@@ -141,9 +147,18 @@ fn force([x, y, z]: [f64; 3]) -> String {
 const PROBE: &str = r#"{"inverse3":[{"device_id":"049D","commands":{"probe_position":{}}}]}"#;
 
 fn read_until(device: &mut Haply, good: impl Fn(&Result<Sample, Fault>) -> bool) -> Result<Sample, Fault> {
+    read_at(device, 0.0, good)
+}
+
+/// Reads, always at the same time of the loop's, until `good` holds of what is read.
+fn read_at(
+    device: &mut Haply,
+    now_s: f64,
+    good: impl Fn(&Result<Sample, Fault>) -> bool,
+) -> Result<Sample, Fault> {
     let start = Instant::now();
     loop {
-        let read = device.read(0.0);
+        let read = device.read(now_s);
         if good(&read) {
             return read;
         }
@@ -181,7 +196,7 @@ fn a_whole_session_in_order() {
 #[test]
 fn units_axes_grip() {
     let service = Service::usual();
-    service.now(Manner::At([0.01, -0.02, 0.03]));
+    service.now(Manner::Says(moving([0.01, -0.02, 0.03]).replace(r#""ready":true"#, r#""ready":false"#)));
     let mut device = service.opened();
     let sample = device.read(0.0).unwrap();
     assert_eq!(sample.pose.position_m, [0.01, -0.02, 0.03]);
@@ -340,8 +355,105 @@ fn a_silent_loop() {
     device.read(0.0).unwrap();
     device.write(&push([1.0, 0.0, 0.0])).unwrap();
     service.hears(&force([0.0; 3]));
+    goes_on(&service, &mut device);
+}
+
+/// After a silence: nothing but zero is sent until the loop has commanded it, and the loop can see that.
+fn goes_on(service: &Service, device: &mut Haply) {
+    let before = service.heard.lock().unwrap().len();
+    assert!(read_until(device, |r| r.is_ok_and(|s| s.status.idle)).is_ok());
+    for _ in 0..20 {
+        device.write(&push([1.0, 0.0, 0.0])).unwrap();
+        thread::sleep(Duration::from_millis(1));
+    }
+    let zero = force([0.0; 3]);
+    assert!(service.heard.lock().unwrap()[before..].iter().all(|m| *m == zero));
+    // As the loop does, for as long as the device is idle.
+    let start = Instant::now();
+    while device.read(0.0).is_ok_and(|s| s.status.idle) {
+        device.write(&push([0.0; 3])).unwrap();
+        thread::sleep(Duration::from_millis(1));
+        assert!(start.elapsed() < Duration::from_secs(5), "it stays idle");
+    }
+    while service.heard.lock().unwrap().last() != Some(&force([0.5, 0.0, 0.0])) {
+        device.write(&push([0.5, 0.0, 0.0])).unwrap();
+        thread::sleep(Duration::from_millis(1));
+        assert!(start.elapsed() < Duration::from_secs(5), "it never goes on");
+    }
+}
+
+/// The service is silent: it has let go of the force meanwhile, and is not told all of it at once when it answers again.
+#[test]
+fn a_service_that_was_silent_is_told_zero_first() {
+    let service = Service::usual();
+    let mut device = Haply::new(HaplyOptions { watchdog_s: 0.05, ..service.options() });
+    device.open().unwrap();
+    device.read(0.0).unwrap();
     device.write(&push([1.0, 0.0, 0.0])).unwrap();
     service.hears(&force([1.0, 0.0, 0.0]));
+    service.now(Manner::Slow(Duration::from_millis(150)));
+    let start = Instant::now();
+    while start.elapsed() < Duration::from_millis(120) {
+        device.write(&push([1.0, 0.0, 0.0])).unwrap();
+        thread::sleep(Duration::from_millis(1));
+    }
+    service.now(Manner::At([0.0; 3]));
+    service.hears(&force([0.0; 3]));
+    goes_on(&service, &mut device);
+}
+
+#[test]
+fn an_emergency_stop() {
+    let service = Service::usual();
+    let mut device = service.pressing();
+    device.emergency_stop().unwrap().stop();
+    service.hears(&force([0.0; 3]));
+    let before = service.heard.lock().unwrap().len();
+    for _ in 0..20 {
+        device.write(&push([0.0, 0.0, 2.0])).unwrap();
+        thread::sleep(Duration::from_millis(1));
+    }
+    assert!(service.heard.lock().unwrap()[before..].iter().all(|m| *m == force([0.0; 3])));
+}
+
+/// The service answers every message, with the state that it has: one that says that the handle moves, and is the same again
+/// to the bit, is old. Ten seconds on the loop's clock, where nothing begins at zero.
+#[test]
+fn a_service_that_repeats_a_state_is_stale() {
+    let service = Service::usual();
+    let mut device = service.opened();
+    service.now(Manner::Says(moving([0.01; 3])));
+    read_at(&mut device, 10.0, |r| r.is_ok_and(|s| s.pose.position_m == [0.01; 3])).unwrap();
+    let sequence = device.read(10.0).unwrap().sequence;
+    let heard = || service.heard.lock().unwrap().len();
+    let before = heard();
+    while heard() < before + 5 {
+        thread::sleep(Duration::from_millis(1));
+    }
+    assert_eq!(device.read(10.049).unwrap().sequence, sequence);
+    assert_eq!(device.read(10.051), Err(Fault::TimedOut));
+    service.now(Manner::At([0.02; 3]));
+    read_at(&mut device, 10.0, |r| r.is_ok_and(|s| s.sequence > sequence)).unwrap();
+    // A handle that lies on the table is at the same place for as long as it likes.
+    let sequence = device.read(10.0).unwrap().sequence;
+    assert!(read_at(&mut device, 10.0, |r| r.unwrap().sequence > sequence + 3).is_ok());
+}
+
+/// What the inventory says of the arm is told before there is a force.
+#[test]
+fn what_the_arm_lacks_is_told() {
+    for (status, words) in [
+        (r#""calibrated":true,"in_use":false,"power_supply":true"#, None),
+        (r#""calibrated":false"#, Some("not calibrated")),
+        (r#""in_use":true"#, Some("another program")),
+        (r#""power_supply":false"#, Some("power supply")),
+    ] {
+        let arm = DEVICES.replace(r#""ready":true"#, &format!(r#""ready":true,{status}"#));
+        let service = Service::new(inventory(&arm));
+        let device = service.opened();
+        assert_eq!(device.notes().len(), usize::from(words.is_some()), "{:?}", device.notes());
+        assert!(words.is_none_or(|words| device.notes()[0].contains(words)), "{:?}", device.notes());
+    }
 }
 
 #[test]

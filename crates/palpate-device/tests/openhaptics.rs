@@ -164,14 +164,14 @@ fn limits() {
     assert!(OpenHaptics::new(wrong).open().is_err());
 }
 
-/// 0x200 to 0x204 are said, and go on.
+/// 0x200 to 0x203 are said, and go on.
 #[test]
 fn warm_motors_and_limits_are_no_errors() {
     let (_turn, library) = turn();
     let mut device = pressing(&library);
     library.set("error", f64::from(0x200));
     assert!(read_until(&mut device, |r| r.unwrap().status.warm).is_ok());
-    for code in 0x201..=0x204 {
+    for code in 0x201..=0x203 {
         library.set("error", 0.0);
         read_until(&mut device, |r| !r.unwrap().status.saturated).unwrap();
         library.set("error", f64::from(code));
@@ -213,7 +213,80 @@ fn a_panic_in_mid_press() {
     assert_eq!(library.take_log(), END);
 }
 
-/// The loop is silent: after the watchdog's time the callback renders nothing, and again when the loop speaks.
+/// 0x204: what the motors do is not what they were told.
+#[test]
+fn a_force_error_is_an_error() {
+    let (_turn, library) = turn();
+    let mut device = pressing(&library);
+    library.set("error", f64::from(0x204));
+    assert_eq!(read_until(&mut device, Result::is_err), Err(Fault::Code(0x204)));
+}
+
+/// Forces that the device switched off are on again when the loop has commanded zero, not before, and not with a force.
+#[test]
+fn forces_that_the_device_switched_off() {
+    let (_turn, library) = turn();
+    let mut device = pressing(&library);
+    library.set("trip", 1.0);
+    assert!(read_until(&mut device, |r| r.unwrap().status.idle).is_ok());
+    log_until(&library, "force(0, 0, 0)");
+    library.set("trip", 0.0);
+    for _ in 0..20 {
+        device.write(&push([0.0, 0.0, 2.0])).unwrap();
+        thread::sleep(Duration::from_millis(1));
+        assert!(device.read(0.0).unwrap().status.idle);
+    }
+    assert!(library.take_log().is_empty());
+    device.write(&push([0.0; 3])).unwrap();
+    assert!(read_until(&mut device, |r| !r.unwrap().status.idle).is_ok());
+    assert_eq!(library.take_log(), ["enable(0x4000)"]);
+    device.write(&push([0.0, 0.0, 0.1])).unwrap();
+    log_until(&library, "force(0, 0.1, 0)");
+}
+
+#[test]
+fn an_emergency_stop() {
+    let (_turn, library) = turn();
+    let mut device = pressing(&library);
+    device.emergency_stop().unwrap().stop();
+    log_until(&library, "force(0, 0, 0)");
+    device.write(&push([0.0, 0.0, 2.0])).unwrap();
+    thread::sleep(Duration::from_millis(10));
+    assert!(library.take_log().is_empty());
+    // Opened anew it renders again.
+    device.open().unwrap();
+    device.read(0.0).unwrap();
+    device.write(&push([0.0, 0.0, 2.0])).unwrap();
+    log_until(&library, "force(0, 2, 0)");
+}
+
+/// One that only has to be taken over is, before the first pose; one that takes a hand is told, with what the hand has to do.
+#[test]
+fn the_calibration_is_asked_and_told() {
+    for (calibration, updated, calls, words) in [
+        (0x5000, 0x5000, &[][..], None),
+        (0x5001, 0x5000, &["calibrate(4)"][..], None),
+        (0x5001, 0x5001, &["calibrate(4)"][..], Some("Touch_Diagnostic")),
+        (0x5002, 0x5002, &[][..], Some("inkwell")),
+    ] {
+        let (_turn, library) = turn();
+        library.set("calibration", f64::from(calibration));
+        library.set("updated", f64::from(updated));
+        let mut device = OpenHaptics::new(options(&library));
+        device.open().unwrap();
+        assert_eq!(library.take_log()[4..], *calls, "{calibration:#x}");
+        match (device.notes(), words) {
+            ([], None) => {}
+            ([note], Some(words)) => {
+                assert!(note.contains("not calibrated") && note.contains(words), "{note}")
+            }
+            (notes, words) => panic!("{notes:?}: {words:?}"),
+        }
+    }
+}
+
+/// The loop is silent: after the watchdog's time the callback renders nothing, and does so until the loop has commanded zero:
+/// the hand has sunk in meanwhile.
 #[test]
 fn a_silent_loop() {
     let (_turn, library) = turn();
@@ -222,8 +295,16 @@ fn a_silent_loop() {
     device.read(0.0).unwrap();
     device.write(&push([1.0, 0.0, 0.0])).unwrap();
     log_until(&library, "force(0, 0, 0)");
-    device.write(&push([1.0, 0.0, 0.0])).unwrap();
-    log_until(&library, "force(1, 0, 0)");
+    assert!(device.read(0.0).unwrap().status.idle);
+    for _ in 0..20 {
+        device.write(&push([1.0, 0.0, 0.0])).unwrap();
+        thread::sleep(Duration::from_millis(1));
+    }
+    assert!(library.take_log().is_empty());
+    device.write(&push([0.0; 3])).unwrap();
+    assert!(read_until(&mut device, |r| !r.unwrap().status.idle).is_ok());
+    device.write(&push([0.1, 0.0, 0.0])).unwrap();
+    log_until(&library, "force(0.1, 0, 0)");
 }
 
 /// The scheduler freezes in the middle of a press: that is said, and the close takes the force off by itself.

@@ -1,6 +1,7 @@
 //! One period of the loop.
 
 use crate::ground::{Ground, ready};
+use crate::guard::Verdict;
 use crate::map::Mapping;
 use crate::{StageCounts, StageFlags, Stages, WorkspaceMap};
 use glam::DVec3;
@@ -21,6 +22,10 @@ pub struct HapticLoop {
     before: ToolState,
     /// When the engine was last asked, s.
     stepped_s: Option<f64>,
+    /// When the device last took a command, s.
+    written_s: Option<f64>,
+    /// Whether the last command may not have reached the device.
+    unwritten: bool,
     stopped: bool,
 }
 
@@ -76,6 +81,8 @@ impl HapticLoop {
             last: (Sample::default(), ToolState::at([0.0; 3])),
             before: ToolState::at([0.0; 3]),
             stepped_s: None,
+            written_s: None,
+            unwritten: false,
             stopped: false,
         }
     }
@@ -120,9 +127,10 @@ impl HapticLoop {
         self.stopped = false;
     }
 
-    /// Whether the last command was zero.
+    /// Whether the last command was zero, and the device took it.
     pub fn is_silent(&self) -> bool {
-        self.stages.force.rendered() == DVec3::ZERO && self.stages.torque.rendered() == DVec3::ZERO
+        let [force, torque] = [self.stages.force.rendered(), self.stages.torque.rendered()];
+        !self.unwritten && force == DVec3::ZERO && torque == DVec3::ZERO
     }
 
     /// As [`period`](Self::period), for callers who give up at the first fault.
@@ -143,17 +151,18 @@ impl HapticLoop {
     }
 
     /// One period at `now_s` after the device's opening: read, believe the pose or not, map, step, output stages, write.
-    /// A fault, a rejected pose, a held clutch, and a stop bring the force to zero within the slew limit;
-    /// after them it ramps up anew.
+    /// A fault, a rejected or stale pose, a held clutch, and a stop bring the force to zero within the slew limit. Where the
+    /// device may render something else than it was told (it is idle, it has had no command for too long, or may not have
+    /// got the last one), zero follows at once. After each of them the force ramps up anew.
     ///
     /// # Real-time
     /// As bounded as the device's `read` and `write`.
     pub fn period<G: Ground>(&mut self, ground: &G, device: &mut dyn Device, now_s: f64) -> Period {
-        let mut flags = StageFlags::default();
+        let mut flags = self.late(now_s);
         let unread = self.read(device, now_s, &mut flags).err();
         let output = self.render(ground, now_s, &mut flags);
         let command = self.command(now_s, &output, &mut flags);
-        let unwritten = self.write(device, &command, &mut flags).err();
+        let unwritten = self.write(device, now_s, &command, &mut flags).err();
         self.counts.add(flags);
         let (sample, pose) = self.last;
         Period { time_s: now_s, sample, pose, output, command, flags, fault: unread.or(unwritten) }
@@ -189,13 +198,21 @@ impl HapticLoop {
     /// As [`fade`](Self::fade), as a period to be recorded.
     pub(crate) fn fading(&mut self, device: &mut dyn Device, now_s: f64) -> Period {
         self.stop();
-        let mut flags = StageFlags::default();
+        let mut flags = self.late(now_s);
         let output = Output { energy: *self.contact.energy(), ..Output::default() };
         let command = self.command(now_s, &output, &mut flags);
-        let fault = self.write(device, &command, &mut flags).err();
+        let fault = self.write(device, now_s, &command, &mut flags).err();
         self.counts.add(flags);
         let (sample, pose) = self.last;
         Period { time_s: now_s, sample, pose, output, command, flags, fault }
+    }
+
+    /// Whether the device has had no command for too long.
+    fn late(&self, now: f64) -> StageFlags {
+        let mut flags = StageFlags::default();
+        let silent = self.written_s.map_or(0.0, |then| now - then);
+        flags.set(StageFlags::LATE, self.stages.silence_s.is_some_and(|most| silent > most));
+        flags
     }
 
     /// The device's sample, and whether its pose is accepted.
@@ -203,9 +220,11 @@ impl HapticLoop {
         let read = device.read(now);
         flags.set(StageFlags::UNREAD, read.is_err());
         self.last.0 = read?;
-        let believed = self.stages.guard.accept(&self.last.0.pose, now);
-        flags.set(StageFlags::STEPPED, believed);
-        flags.set(StageFlags::REFUSED, !believed);
+        flags.set(StageFlags::IDLE, self.last.0.status.idle);
+        let verdict = self.stages.guard.accept(&self.last.0, now);
+        flags.set(StageFlags::STEPPED, verdict == Verdict::Accepted);
+        flags.set(StageFlags::REFUSED, verdict == Verdict::Refused);
+        flags.set(StageFlags::STALE, verdict == Verdict::Stale);
         Ok(())
     }
 
@@ -236,7 +255,11 @@ impl HapticLoop {
         flags.set(StageFlags::STOPPED, self.stopped);
         // A free tool that waits for its patch feels nothing anyway, and no force has to ramp up afterwards.
         let heard = flags.has(StageFlags::STEPPED) || flags.has(StageFlags::WAITED);
-        let silence = !heard || flags.has(StageFlags::CLUTCHED) || self.stopped;
+        let unknown = self.unwritten || flags.has(StageFlags::LATE) || flags.has(StageFlags::IDLE);
+        if unknown {
+            self.stages.reset();
+        }
+        let silence = unknown || !heard || flags.has(StageFlags::CLUTCHED) || self.stopped;
         let [force, torque] = [output.force_n, output.torque_nm].map(DVec3::from_array);
         let force = match &mut self.stages.coupling {
             Some(coupling) if flags.has(StageFlags::STEPPED) => coupling.force(force),
@@ -249,13 +272,15 @@ impl HapticLoop {
     fn write(
         &mut self,
         device: &mut dyn Device,
+        now: f64,
         command: &Command,
         flags: &mut StageFlags,
     ) -> Result<(), Fault> {
         let written = device.write(command);
-        if written.is_err() {
-            flags.set(StageFlags::UNWRITTEN, true);
-            self.stages.failed();
+        self.unwritten = written.is_err();
+        flags.set(StageFlags::UNWRITTEN, self.unwritten);
+        if !self.unwritten {
+            self.written_s = Some(now);
         }
         written
     }

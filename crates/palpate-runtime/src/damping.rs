@@ -1,6 +1,7 @@
 //! Viscous damping, −b v, of the device: takes energy out of the hand's motion, in contact and free.
 
 use glam::DVec3;
+use palpate_device::Capabilities;
 
 /// Of the estimated velocity, s: an encoder's steps would otherwise be felt as a buzz. About 50 Hz.
 const SMOOTHING: f64 = 3e-3;
@@ -14,10 +15,18 @@ pub struct Damping {
 }
 
 impl Damping {
-    /// Of this coefficient, N·s/m. Sampled, a damping beyond half of mass/period overturns the motion that it should
-    /// calm: [`Safety::stages`](crate::Safety::stages) refuses it.
+    /// Of this coefficient, N·s/m. A damping beyond half of mass/delay overturns the motion that it should calm:
+    /// [`Safety::stages`](crate::Safety::stages) refuses it.
     pub fn new(coefficient_n_s_per_m: f64) -> Self {
         Damping { coefficient: coefficient_n_s_per_m, last: None, velocity: DVec3::ZERO }
+    }
+
+    /// From a motion to the force that damps it, s: a period, the device's delay and lag, and the age of the velocity, which is
+    /// the device's own or that of the smoothing here.
+    pub(crate) fn delay_s(device: &Capabilities, period_s: f64) -> f64 {
+        let m = &device.mechanics;
+        let velocity = device.velocity_delay_s.as_ref().map_or(SMOOTHING, |delay| delay.value);
+        period_s + m.delay_s.value + m.lag_s.value + velocity
     }
 
     /// The force at `position` (m), `now` (s), where the device reports the velocity `reported` (m/s) or none.

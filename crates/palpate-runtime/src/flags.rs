@@ -23,7 +23,7 @@ impl StageFlags {
     pub const SATURATED: Self = Self(1 << 7);
     /// Force or torque were held back by the slew limit.
     pub const SLEWED: Self = Self(1 << 8);
-    /// The last command was sent again, because its `write` had failed.
+    /// Of recordings from before 0.1.0: the last command was sent again, because its `write` had failed.
     pub const REPEATED: Self = Self(1 << 9);
     /// The device's `write` failed.
     pub const UNWRITTEN: Self = Self(1 << 10);
@@ -31,9 +31,15 @@ impl StageFlags {
     pub const STOPPED: Self = Self(1 << 11);
     /// The pose lay where the ground is not known: the engine waited for a patch.
     pub const WAITED: Self = Self(1 << 12);
+    /// The device renders nothing: its forces are off, nobody holds its grip, or it is not ready.
+    pub const IDLE: Self = Self(1 << 13);
+    /// The device has had no command for too long: what it renders now is not known.
+    pub const LATE: Self = Self(1 << 14);
+    /// The device's pose has been the same one for too long, by its own counter.
+    pub const STALE: Self = Self(1 << 15);
 
     /// All of them, in the order of their bits, with their names.
-    pub const NAMED: [(&'static str, Self); 13] = [
+    pub const NAMED: [(&'static str, Self); 16] = [
         ("stepped", Self::STEPPED),
         ("unread", Self::UNREAD),
         ("refused", Self::REFUSED),
@@ -47,6 +53,9 @@ impl StageFlags {
         ("unwritten", Self::UNWRITTEN),
         ("stopped", Self::STOPPED),
         ("waited", Self::WAITED),
+        ("idle", Self::IDLE),
+        ("late", Self::LATE),
+        ("stale", Self::STALE),
     ];
 
     /// Adds `flag` if `happened`.

@@ -90,7 +90,7 @@ pub use record::{
     BodyFile, CreateError, Ending, Field, Finished, Header, Map, OpenRecordingError, RECORDING_MAGIC, Record,
     Recorder, RecorderThread, Recording, RecordingFile, Records, Retrace, ring,
 };
-pub use safety::{Safety, SafetyError};
+pub use safety::{GENTLE_N, Safety, SafetyError};
 pub use session::{Prepared, Report, Session, Settings, StartError, Stopper};
 pub use soft_start::SoftStart;
 pub use stages::Stages;

@@ -19,7 +19,6 @@ pub struct Limit {
     most: f64,
     step: f64,
     rendered: DVec3,
-    unsure: bool,
 }
 
 impl Default for Limit {
@@ -34,7 +33,7 @@ impl Limit {
     /// more: less would not let a stop end in time. [`Safety::stages`](crate::Safety::stages) says so instead.
     pub fn new(most: f64, step: f64) -> Self {
         let most = most.max(0.0);
-        Limit { most, step: step.max(0.5 * most), rendered: DVec3::ZERO, unsure: false }
+        Limit { most, step: step.max(0.5 * most), rendered: DVec3::ZERO }
     }
 
     /// N or N·m.
@@ -52,26 +51,23 @@ impl Limit {
         self.rendered
     }
 
-    /// What to render where `wanted` is wanted.
-    pub(crate) fn pass(&mut self, wanted: DVec3, flags: &mut StageFlags) -> DVec3 {
-        if self.unsure {
-            self.unsure = false;
-            flags.set(StageFlags::REPEATED, true);
-            return self.rendered;
-        }
+    /// What to render where `wanted` is wanted, and the soft start lets this share of it through. The share is of what is
+    /// within the limit: a force far above it would else be at the limit long before the soft start is over.
+    pub(crate) fn pass(&mut self, wanted: DVec3, share: f64, flags: &mut StageFlags) -> DVec3 {
         // The last choke point, whatever the stages before made of their numbers.
         flags.set(StageFlags::CONTAINED, !wanted.is_finite());
         let wanted = if wanted.is_finite() { wanted } else { DVec3::ZERO };
         let held = toward(DVec3::ZERO, wanted, self.most, WITHIN);
-        self.rendered = toward(self.rendered, held, self.step, 1.0);
         flags.set(StageFlags::SATURATED, held != wanted);
+        let held = held * share;
+        self.rendered = toward(self.rendered, held, self.step, 1.0);
         flags.set(StageFlags::SLEWED, self.rendered != held);
         self.rendered
     }
 
-    /// The device may or may not have taken the last command. Sent again it is within the slew of both.
-    pub(crate) fn failed(&mut self) {
-        self.unsure = true;
+    /// What the device renders is not known, or nothing: the next way begins at zero.
+    pub(crate) fn reset(&mut self) {
+        self.rendered = DVec3::ZERO;
     }
 }
 
@@ -92,7 +88,7 @@ mod tests {
     use super::*;
 
     fn pass(limit: &mut Limit, wanted: DVec3) -> DVec3 {
-        limit.pass(wanted, &mut StageFlags::default())
+        limit.pass(wanted, 1.0, &mut StageFlags::default())
     }
 
     #[test]
@@ -121,14 +117,14 @@ mod tests {
         }
     }
 
+    /// Twenty times the limit is wanted: the soft start's tenth is a tenth of the limit, not twice the limit.
     #[test]
-    fn what_the_device_may_not_have_taken_is_sent_again() {
-        let mut limit = Limit::new(2.0, 1.0);
-        pass(&mut limit, DVec3::X);
-        limit.failed();
+    fn the_soft_start_is_a_share_of_what_is_within_the_limit() {
+        let mut limit = Limit::new(2.0, 2.0);
         let mut flags = StageFlags::default();
-        assert_eq!(limit.pass(-DVec3::X, &mut flags), DVec3::X);
-        assert!(flags.has(StageFlags::REPEATED));
-        assert_eq!(pass(&mut limit, -DVec3::X), DVec3::ZERO);
+        assert!((limit.pass(DVec3::X * 40.0, 0.1, &mut flags).x - 0.2).abs() < 1e-9);
+        assert!(flags.has(StageFlags::SATURATED));
+        limit.reset();
+        assert_eq!(limit.rendered(), DVec3::ZERO);
     }
 }

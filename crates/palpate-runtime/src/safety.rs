@@ -17,7 +17,12 @@ pub struct Safety {
     pub passivity: bool,
     /// How long the force takes to ramp up at the beginning, and after anything that went wrong, s.
     pub soft_start_s: f64,
-    /// The largest force, N; the device's own limit where that is lower.
+    /// A pose that stays the same by the device's own counter for longer than this is not felt, s.
+    pub stale_s: f64,
+    /// After longer than this without a command the force begins anew, at zero, s; by default as soon as a period was left out.
+    /// Drivers and devices take the force off after 20 ms: more than half of that is no longer safe.
+    pub silence_s: Option<f64>,
+    /// The largest force, N, by default [`GENTLE_N`]; the device's own limit where that is lower.
     pub force_max_n: Option<f64>,
     /// The largest torque, N·m; the device's own limit where that is lower.
     pub torque_max_nm: Option<f64>,
@@ -28,6 +33,14 @@ pub struct Safety {
     pub torque_slew_nm_per_s: Option<f64>,
 }
 
+/// The largest force where none is given, N: below the largest of every device in the table, and what fingers that hold a pen
+/// lightly resist. A maker's largest force (20 N and more) throws a handle of 0.2 kg that nobody holds firmly.
+pub const GENTLE_N: f64 = 3.0;
+/// How long a pose may stay the same, s: as long as drivers and devices wait for a command.
+const STALE: f64 = 0.02;
+/// Periods without a command that are one too many: one was left out, and clocks round.
+const LEFT_OUT: f64 = 1.5;
+
 impl Default for Safety {
     fn default() -> Self {
         Safety {
@@ -35,6 +48,8 @@ impl Default for Safety {
             damping_n_s_per_m: 0.0,
             passivity: false,
             soft_start_s: 0.5,
+            stale_s: STALE,
+            silence_s: None,
             force_max_n: None,
             torque_max_nm: None,
             slew_n_per_s: None,
@@ -59,24 +74,25 @@ impl Safety {
     /// The stages for this device in a loop of `rate_hz`, without a coupling.
     ///
     /// # Errors
-    /// A setting that is NaN or infinite, or out of its range; a damping that the device's mass would not bear at this rate; a
-    /// slew limit at which a stop would take more than two periods; a device that names no largest force where none is
-    /// set.
+    /// A setting that is NaN or infinite, or out of its range; a damping that the device's mass would not bear at this rate and
+    /// with a velocity as old as it is; a slew limit at which a stop would take more than two periods.
     pub fn stages(&self, device: &Capabilities, rate_hz: f64) -> Result<Stages, SafetyError> {
         within("rate_hz", rate_hz, 1.0, 1e5)?;
         let period = 1.0 / rate_hz;
         let speed = within("speed_max_m_per_s", self.speed_max_m_per_s, 0.1, 1e3)?;
         let seconds = within("soft_start_s", self.soft_start_s, 0.0, 60.0)?;
+        let stale = within("stale_s", self.stale_s, period, 1e9)?;
+        let silence = within("silence_s", self.silence_s.unwrap_or(LEFT_OUT * period), period, 1e9)?;
         let mass = device.mechanics.mass_kg.value;
         Ok(Stages {
-            guard: PoseGuard::new(speed),
+            guard: PoseGuard::new(speed, stale),
             coupling: None,
-            damping: self.damping(mass, period)?,
+            damping: self.damping(device, period)?,
             passivity: self.passivity.then(|| PassivityController::new(period, mass)),
             soft_start: SoftStart::new(seconds, period),
             force: FORCE.limit(
-                Some(device.max_force_n.value),
-                self.force_max_n,
+                device.max_force_n.value,
+                Some(self.force_max_n.unwrap_or(GENTLE_N)),
                 self.slew_n_per_s,
                 period,
             )?,
@@ -84,20 +100,25 @@ impl Safety {
                 // Where no rotation is driven no torque is rendered.
                 None => Limit::new(0.0, 0.0),
                 Some(most) => {
-                    TORQUE.limit(Some(most.value), self.torque_max_nm, self.torque_slew_nm_per_s, period)?
+                    TORQUE.limit(most.value, self.torque_max_nm, self.torque_slew_nm_per_s, period)?
                 }
             },
+            silence_s: Some(silence),
         })
     }
 
-    fn damping(&self, mass: f64, period: f64) -> Result<Option<Damping>, SafetyError> {
+    fn damping(&self, device: &Capabilities, period: f64) -> Result<Option<Damping>, SafetyError> {
         let damping = self.damping_n_s_per_m;
-        let most = 0.5 * mass / period;
+        let mass = device.mechanics.mass_kg.value;
+        let delay = Damping::delay_s(device, period);
+        let most = 0.5 * mass / delay;
         if !(0.0..=most).contains(&damping) {
             return Err(SafetyError {
                 setting: "damping_n_s_per_m",
                 problem: format!(
-                    "{damping} is not between 0 and {most:.3} N·s/m, half of the device's {mass} kg over a period"
+                    "{damping} is not between 0 and {most:.3} N·s/m, half of the device's {mass} kg over the {:.1} ms from \
+                     a motion to the force that damps it",
+                    delay * 1e3
                 ),
                 hint: format!("give at most {most:.3}, or a higher rate"),
             });
@@ -119,13 +140,13 @@ const TORQUE: Named = Named { most: "torque_max_nm", slew: "torque_slew_nm_per_s
 impl Named {
     fn limit(
         &self,
-        device: Option<f64>,
+        device: f64,
         user: Option<f64>,
         slew: Option<f64>,
         period: f64,
     ) -> Result<Limit, SafetyError> {
         let Named { most: name, unit, .. } = self;
-        let device = device.filter(|most| *most > 0.0 && most.is_finite());
+        let device = Some(device).filter(|most| *most > 0.0 && most.is_finite());
         let user = user.map(|most| within(name, most, 1e-6, 1e4)).transpose()?;
         let Some(most) = device.into_iter().chain(user).reduce(f64::min) else {
             return Err(SafetyError {
@@ -174,7 +195,7 @@ mod tests {
 
     #[test]
     fn the_lower_limit_wins_and_the_slew_is_half_of_it_a_period() {
-        for (asked, most) in [(None, 3.3), (Some(2.0), 2.0), (Some(50.0), 3.3)] {
+        for (asked, most) in [(None, GENTLE_N), (Some(2.0), 2.0), (Some(50.0), 3.3)] {
             for rate in [500.0, 1000.0, 4000.0] {
                 let safety = Safety { force_max_n: asked, ..Safety::default() };
                 let stages = safety.stages(&touch(), rate).unwrap();
@@ -191,11 +212,13 @@ mod tests {
     fn a_setting_that_cant_be_is_refused_with_its_name_and_the_hint() {
         let safety = Safety::default();
         let wrong = [
-            (Safety { slew_n_per_s: Some(1649.0), ..safety }, "slew_n_per_s"),
+            (Safety { slew_n_per_s: Some(1499.0), ..safety }, "slew_n_per_s"),
             (Safety { slew_n_per_s: Some(f64::NAN), ..safety }, "slew_n_per_s"),
             (Safety { slew_n_per_s: Some(f64::INFINITY), ..safety }, "slew_n_per_s"),
             (Safety { force_max_n: Some(0.0), ..safety }, "force_max_n"),
             (Safety { force_max_n: Some(f64::NAN), ..safety }, "force_max_n"),
+            (Safety { stale_s: f64::NAN, ..safety }, "stale_s"),
+            (Safety { silence_s: Some(0.0), ..safety }, "silence_s"),
             (Safety { soft_start_s: -1.0, ..safety }, "soft_start_s"),
             (Safety { damping_n_s_per_m: 30.0, ..safety }, "damping_n_s_per_m"),
             (Safety { damping_n_s_per_m: f64::NAN, ..safety }, "damping_n_s_per_m"),
@@ -206,22 +229,41 @@ mod tests {
             assert!(error.setting == setting && error.to_string().contains("give"), "{error}");
         }
         assert_eq!(safety.stages(&touch(), f64::NAN).unwrap_err().setting, "rate_hz");
-        let enough = Safety { slew_n_per_s: Some(1650.0), ..safety };
+        let enough = Safety { slew_n_per_s: Some(1500.0), ..safety };
         assert!(enough.stages(&touch(), 1000.0).is_ok());
         let message = Safety { slew_n_per_s: Some(100.0), ..safety }.stages(&touch(), 1000.0).unwrap_err();
         assert_eq!(
             message.to_string(),
-            "slew_n_per_s: at 100 N/s a stop would not bring 3.3 N to zero within two periods; give at least 1650 N/s, \
+            "slew_n_per_s: at 100 N/s a stop would not bring 3 N to zero within two periods; give at least 1500 N/s, \
              or a lower force_max_n"
         );
     }
 
+    /// A maker's 20 N are not what a first touch renders: somebody has to ask for them.
     #[test]
-    fn a_device_without_a_limit_needs_one() {
-        let mut device = touch();
+    fn the_largest_force_is_a_gentle_one_until_another_is_given() {
+        let mut device = presets::device("delta").unwrap();
+        let most = |device: &Capabilities, force_max_n| {
+            Safety { force_max_n, ..Safety::default() }.stages(device, 1000.0).unwrap().force.most()
+        };
+        assert_eq!((most(&device, None), most(&device, Some(20.0))), (GENTLE_N, 20.0));
+        assert!(presets::DEVICES.iter().all(|d| presets::device(d).unwrap().max_force_n.value > GENTLE_N));
         device.max_force_n = Figure::chosen(f64::INFINITY);
-        assert_eq!(Safety::default().stages(&device, 1000.0).unwrap_err().setting, "force_max_n");
-        let stages = Safety { force_max_n: Some(3.0), ..Safety::default() }.stages(&device, 1000.0).unwrap();
-        assert_eq!(stages.force.most(), 3.0);
+        assert_eq!(most(&device, None), GENTLE_N);
+    }
+
+    /// A library that averages over 20 ms tells of a velocity 10 ms ago: ten times less damping than a period's delay would bear.
+    #[test]
+    fn the_damping_that_is_allowed_knows_how_old_the_velocity_is() {
+        let mut device = presets::device("omega").unwrap();
+        let allowed = |device: &Capabilities, damping_n_s_per_m| {
+            Safety { damping_n_s_per_m, ..Safety::default() }.stages(device, 1000.0).is_ok()
+        };
+        device.velocity_delay_s = Some(Figure::chosen(0.0));
+        assert!(allowed(&device, 50.0));
+        device.velocity_delay_s = Some(Figure::chosen(0.01));
+        assert!(!allowed(&device, 50.0) && allowed(&device, 8.0) && !allowed(&device, 10.0));
+        device.velocity_delay_s = None;
+        assert!(allowed(&device, 20.0) && !allowed(&device, 30.0));
     }
 }

@@ -22,6 +22,9 @@ pub struct Stages {
     pub force: Limit,
     /// Cuts the torque and its steps.
     pub torque: Limit,
+    /// A device that has had no command for longer than this, s, may have taken its force off by itself; `None` for one
+    /// that never does.
+    pub silence_s: Option<f64>,
 }
 
 impl Stages {
@@ -53,20 +56,18 @@ impl Stages {
         };
         let factor = self.soft_start.factor(silence);
         flags.set(StageFlags::STARTING, factor < 1.0);
-        // Not a product: in silence a NaN or infinite value must be silent too.
-        let grown = |wanted: DVec3| if silence { DVec3::ZERO } else { wanted * factor };
-        let rendered = self.force.pass(grown(passive), flags);
+        let rendered = self.force.pass(passive, factor, flags);
         if let Some(controller) = &mut self.passivity {
             controller.rendered(rendered);
         }
-        let torque = self.torque.pass(grown(torque), flags);
+        let torque = self.torque.pass(torque, factor, flags);
         Command { force_n: rendered.to_array(), torque_nm: torque.to_array() }
     }
 
-    /// The device may or may not have taken the last command.
-    pub(crate) fn failed(&mut self) {
-        self.force.failed();
-        self.torque.failed();
+    /// What the device renders is not known, or nothing: zero follows at once, and then the soft start.
+    pub(crate) fn reset(&mut self) {
+        self.force.reset();
+        self.torque.reset();
     }
 }
 
@@ -116,9 +117,9 @@ mod tests {
         let mut stages =
             Stages { passivity: Some(controller), force: Limit::new(2.0, 2.0), ..Stages::default() };
         let mut flags = StageFlags::default();
-        stages.guard.accept(&at(0.0).pose, 0.0);
+        stages.guard.accept(&at(0.0), 0.0);
         stages.command(0.0, &at(0.0), [DVec3::X * 50.0, DVec3::ZERO], false, &mut flags);
-        stages.guard.accept(&at(-1e-3).pose, 1e-3);
+        stages.guard.accept(&Sample { sequence: 1, ..at(-1e-3) }, 1e-3);
         stages.command(1e-3, &at(-1e-3), [DVec3::ZERO; 2], false, &mut flags);
         let observed = stages.passivity.unwrap().observed_j();
         assert!((observed - 2e-3).abs() < 1e-12, "{observed}");

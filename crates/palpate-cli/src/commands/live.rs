@@ -13,14 +13,17 @@ use palpate_device::{
 use palpate_engine::Ablation;
 use palpate_files as files;
 use palpate_runtime::motion::MotionScript;
-use palpate_runtime::{BodyFile, Safety, Settings};
+use palpate_runtime::{BodyFile, GENTLE_N, Safety, Settings};
 use std::path::{Path, PathBuf};
+
+/// Half of the time after which drivers and devices take the force off, ms.
+const SILENCE_MAX_MS: f64 = 10.0;
 
 /// Options of a loop against the clock.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Against the clock")]
 pub struct LiveArgs {
-    /// Never a larger force than this, N; the device's own limit where that is lower
+    /// Never a larger force than this, N; the device's own limit where that is lower [default: 3]
     #[arg(long, value_name = "N")]
     force_max_n: Option<f64>,
     /// Never a faster change of the force; at least half of the largest force a period, the default
@@ -54,9 +57,17 @@ pub struct LiveArgs {
     /// How late a period may come before the loop ends, ms: up to then the last force is held
     #[arg(long, value_name = "MS", default_value_t = 100.0)]
     late_ms: f64,
-    /// How long the device may say nothing new before the loop ends, ms: up to then the force is the last pose's
+    /// How long the device may say nothing new before the loop ends, ms; after 20 ms there is no force
     #[arg(long, value_name = "MS", default_value_t = 100.0)]
     stale_ms: f64,
+    /// How long the device may go without a command before the force begins anew, at zero, ms, up to 10: drivers and devices
+    /// take the force off by themselves after 20 [default: as soon as a period is left out]
+    #[arg(long, value_name = "MS")]
+    silence_ms: Option<f64>,
+    /// Use a Force Dimension device whose own watchdog can't be armed. It gives up the only thing that takes the force off when
+    /// this program hangs or is killed: the device then renders its last force until it is switched off
+    #[arg(long)]
+    without_device_watchdog: bool,
     /// Elements of the patch that the haptic thread works on
     #[arg(long, value_name = "N", default_value_t = palpate_runtime::PATCH_ELEMENTS)]
     patch_elements: usize,
@@ -144,6 +155,10 @@ fn plan(args: &Args) -> Result<LivePlan> {
             bail!("--{option}-ms {ms}: give a time from 1 to 10,000 ms");
         }
     }
+    let period_ms = 1e3 / args.rate_hz;
+    if let Some(ms) = live.silence_ms.filter(|ms| !(period_ms..=SILENCE_MAX_MS).contains(ms)) {
+        bail!("--silence-ms {ms}: give a time from a period, {period_ms} ms, to {SILENCE_MAX_MS} ms");
+    }
     let mut settings = Settings::new(args.rate_hz);
     (settings.patience.late_s, settings.patience.pose_s) = (live.late_ms * 1e-3, live.stale_ms * 1e-3);
     settings.real_time.spin_s = live.spin_us.map_or(settings.real_time.spin_s, |us| us * 1e-6);
@@ -156,6 +171,7 @@ fn plan(args: &Args) -> Result<LivePlan> {
         damping_n_s_per_m: live.damping_n_s_per_m.unwrap_or(0.0),
         passivity: args.passivity,
         soft_start_s: live.soft_start_s.unwrap_or(default.soft_start_s),
+        silence_s: live.silence_ms.map(|ms| ms * 1e-3),
         force_max_n: live.force_max_n,
         slew_n_per_s: live.slew_n_per_s,
         ..default
@@ -183,6 +199,8 @@ fn plan(args: &Args) -> Result<LivePlan> {
 fn hold(args: &Args, device: &DeviceName, body: &dyn BodySource) -> Result<Hold> {
     let live = &args.live;
     let library = live.device_library.clone();
+    // The driver and the vendor's library hold it too.
+    let max_force_n = Some(live.force_max_n.unwrap_or(GENTLE_N));
     let real = |device| Hold { device, map: None, seconds: None, is_replay: false };
     Ok(match device {
         DeviceName::Simulated(preset) => {
@@ -201,13 +219,18 @@ fn hold(args: &Args, device: &DeviceName, body: &dyn BodySource) -> Result<Hold>
         }
         DeviceName::Replay(file) => live::replay(file, args.rate_hz)?,
         DeviceName::Dhd(index) => {
-            real(Box::new(Dhd::new(DhdOptions { library, index: *index, ..DhdOptions::default() })))
+            let watchdog_required = !live.without_device_watchdog;
+            let index = *index;
+            let options =
+                DhdOptions { library, index, max_force_n, watchdog_required, ..DhdOptions::default() };
+            real(Box::new(Dhd::new(options)))
         }
         DeviceName::OpenHaptics(name) => {
             let name = name.clone();
             real(Box::new(OpenHaptics::new(OpenHapticsOptions {
                 library,
                 name,
+                max_force_n,
                 ..OpenHapticsOptions::default()
             })))
         }
@@ -216,6 +239,7 @@ fn hold(args: &Args, device: &DeviceName, body: &dyn BodySource) -> Result<Hold>
             let options = HaplyOptions {
                 url: live.device_url.clone().unwrap_or(default.url.clone()),
                 device_id: id.clone(),
+                max_force_n,
                 force_key: match live.haply_force_key.as_str() {
                     "values" => HaplyForceKey::Values,
                     _ => HaplyForceKey::Vector,

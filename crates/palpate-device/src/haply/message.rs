@@ -16,6 +16,8 @@ struct Message<'a> {
     verse_grip: Vec<Grip>,
     #[serde(default)]
     wireless_verse_grip: Vec<Grip>,
+    #[serde(default)]
+    custom_verse_grip: Vec<Grip>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -43,6 +45,9 @@ struct State {
 #[derive(Debug, Deserialize)]
 struct Status {
     ready: Option<bool>,
+    calibrated: Option<bool>,
+    in_use: Option<bool>,
+    power_supply: Option<bool>,
 }
 
 #[derive(Debug, Clone, Copy, Deserialize)]
@@ -104,9 +109,10 @@ impl Buttons {
 }
 
 impl Message<'_> {
-    /// The grip that is held: the wireless one before the other.
+    /// The grip that is held: a wireless one before one with a cable, and one of somebody's own last.
     fn grip(&self) -> Option<&GripState> {
-        self.wireless_verse_grip.iter().chain(&self.verse_grip).find_map(|grip| grip.state.as_ref())
+        let grips = [&self.wireless_verse_grip, &self.verse_grip, &self.custom_verse_grip];
+        grips.into_iter().flatten().find_map(|grip| grip.state.as_ref())
     }
 }
 
@@ -116,6 +122,8 @@ pub(super) struct Found {
     pub id: String,
     pub name: String,
     pub grip: bool,
+    /// What it lacks.
+    pub notes: Vec<String>,
 }
 
 /// Finds the device of this id, or the first.
@@ -138,7 +146,21 @@ pub(super) fn find(inventory: &str, id: Option<&str>) -> Result<Found, OpenError
     let handedness = device.config.as_ref().and_then(|c| c.handedness.as_ref());
     let hand = handedness.map(|h| format!(", {h}")).unwrap_or_default();
     let name = format!("Haply Inverse3 {}{hand}", device.device_id);
-    Ok(Found { id: device.device_id.to_string(), name, grip: message.grip().is_some() })
+    let status = device.status.as_ref();
+    let told = |what: fn(&Status) -> Option<bool>, bad: bool, words: &str| {
+        (status.and_then(what) == Some(bad)).then(|| words.to_owned())
+    };
+    let notes = [
+        told(
+            |s| s.calibrated,
+            false,
+            "it is not calibrated, and its positions may be wrong: calibrate it in the Haply Hub",
+        ),
+        told(|s| s.in_use, true, "another program uses it too: close that"),
+        told(|s| s.power_supply, false, "its power supply is missing: it renders nothing; plug it in"),
+    ];
+    let notes = notes.into_iter().flatten().collect();
+    Ok(Found { id: device.device_id.to_string(), name, grip: message.grip().is_some(), notes })
 }
 
 /// A state of one device.
@@ -149,6 +171,14 @@ pub(super) struct Seen {
     pub orientation: [f64; 4],
     pub buttons: u32,
     pub ready: bool,
+}
+
+impl Seen {
+    /// Whether it was measured after `last`: what moves is not twice at the same place to the bit. What rests may be.
+    pub fn is_new(&self, last: &Seen) -> bool {
+        let moves = self.velocity_m_per_s.is_some_and(|v| v != [0.0; 3]);
+        !moves || (self.position_m, self.velocity_m_per_s) != (last.position_m, last.velocity_m_per_s)
+    }
 }
 
 /// Why a message holds no state.

@@ -7,8 +7,12 @@
 //! round trip, so at most about one period of the loop old. `read` and `write` allocate nothing; the thread allocates for
 //! every message that it parses and sends.
 //!
-//! A force holds for one tick of the service; the thread repeats it while the loop keeps writing, and sends none when
-//! the loop falls silent ([`HaplyOptions::watchdog_s`]).
+//! A force holds for one tick of the service; the thread repeats it while the loop keeps writing. When the loop falls silent, or
+//! the service has not been told anything for as long ([`HaplyOptions::watchdog_s`]), it sends none until the loop has
+//! commanded zero.
+//!
+//! The service answers with a state whether it has a new one or not, and its states have no number. One that says that the
+//! handle moves and is the same again to the bit is an old one: it is not counted in [`Sample::sequence`].
 
 mod message;
 mod service;
@@ -16,7 +20,7 @@ mod service;
 use crate::first_pose::first_pose;
 use crate::latest::{Reader, Writer};
 use crate::limit::{self, Limits};
-use crate::{Basis, Capabilities, Command, Device, Fault, Figure, OpenError, Sample, presets};
+use crate::{Basis, Capabilities, Command, Device, EmergencyStop, Fault, Figure, OpenError, Sample, presets};
 use service::{Link, POSE, Shared};
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -49,9 +53,10 @@ pub struct HaplyOptions {
     pub device_id: Option<String>,
     /// What the service calls the vector of a force.
     pub force_key: HaplyForceKey,
-    /// The largest force, N, in place of a guess.
+    /// The largest force, N, where it is lower than a guess.
     pub max_force_n: Option<f64>,
-    /// No force is sent when the loop has written none for so long, s. 20 ms by default: many periods, and short for a hand.
+    /// No force is sent when the loop has written none, or the service was told none, for so long, s. 5 ms by default: the
+    /// service renders what it was told for a tick, so that after more the hand has felt nothing for a while.
     pub watchdog_s: f64,
 }
 
@@ -62,7 +67,7 @@ impl Default for HaplyOptions {
             device_id: None,
             force_key: HaplyForceKey::default(),
             max_force_n: None,
-            watchdog_s: 0.02,
+            watchdog_s: 5e-3,
         }
     }
 }
@@ -73,12 +78,13 @@ pub struct Haply {
     options: HaplyOptions,
     capabilities: Capabilities,
     port: Option<Port>,
+    notes: Vec<String>,
 }
 
 impl Haply {
     /// A device that is not open yet.
     pub fn new(options: HaplyOptions) -> Self {
-        Haply { options, capabilities: inverse3(), port: None }
+        Haply { options, capabilities: inverse3(), port: None, notes: Vec::new() }
     }
 }
 
@@ -92,6 +98,7 @@ fn inverse3() -> Capabilities {
     guess(&mut c.mechanics.mass_kg, "not known: that of a Touch");
     guess(&mut c.mechanics.coulomb_n, "not known: that of a Touch");
     guess(&mut c.mechanics.resolution_m, "not known: that of a Touch");
+    c.velocity_delay_s = Some(Figure::guessed(1e-3, "a tick of the service; not published"));
     c.mechanics.delay_s = Figure::guessed(1e-3, "the service's round trip and its tick; not measured");
     // Before the arm, above the table.
     c.workspace.centre_m = [0.0, -0.12, 0.16];
@@ -114,16 +121,16 @@ impl Device for Haply {
     /// Connects, reads the inventory, and asks for positions without force until the first good pose.
     fn open(&mut self) -> Result<(), OpenError> {
         self.close();
-        let most = limit::of_user("haply", self.options.max_force_n)?;
+        self.notes.clear();
+        limit::lower("haply", &mut self.capabilities.max_force_n.clone(), self.options.max_force_n)?;
         let mut socket = service::connect(&self.options.url)?;
         let inventory = service::inventory(&mut socket, &self.options.url)?;
         let found = message::find(&inventory, self.options.device_id.as_deref())?;
         let mut capabilities = inverse3();
         capabilities.name = found.name.into();
         capabilities.sensed.rotations = if found.grip { 3 } else { 0 };
-        if let Some(most) = most {
-            capabilities.max_force_n = most;
-        }
+        limit::lower("haply", &mut capabilities.max_force_n, self.options.max_force_n)?;
+        self.notes = found.notes;
         let watchdog = Duration::from_secs_f64(self.options.watchdog_s.clamp(1e-3, 1e3));
         let link = Link { socket, id: found.id, key: self.options.force_key, watchdog };
         let (poses, forces, shared, thread) = service::spawn(link)
@@ -166,6 +173,16 @@ impl Device for Haply {
     fn close(&mut self) {
         self.port = None;
     }
+
+    fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    fn emergency_stop(&self) -> Option<Arc<dyn EmergencyStop>> {
+        let port = self.port.as_ref()?;
+        let thread = port.thread.as_ref()?.thread().clone();
+        Some(Arc::new(service::Stop { shared: port.shared.clone(), thread }))
+    }
 }
 
 /// An open connection. Dropped, in whatever way, it sends no force, closes the socket, and ends the thread.
@@ -195,7 +212,9 @@ impl Port {
 
     fn read(&mut self, now_s: f64) -> Result<Sample, Fault> {
         if let Some(pose) = self.poses.take() {
-            (self.last, self.since_s) = (pose, None);
+            // An answer is not a new pose: its number tells.
+            self.since_s = self.since_s.filter(|_| pose[0] == self.last[0]);
+            self.last = pose;
         }
         if let Some(fault) = self.shared.fault() {
             return Err(fault);

@@ -2,13 +2,14 @@
 
 use super::message::{self, Seen, Unseen};
 use super::{HaplyForceKey, START, error};
+use crate::latch::Latch;
 use crate::latest::{Reader, Writer, exchange};
-use crate::{Fault, OpenError, Pose, Sample, Status};
+use crate::{EmergencyStop, Fault, OpenError, Pose, Sample, Status};
 use std::io::{self, ErrorKind};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use std::thread::{self, JoinHandle};
+use std::thread::{self, JoinHandle, Thread};
 use std::time::{Duration, Instant};
 use tungstenite::{Error, Message, WebSocket, http::Uri};
 
@@ -21,7 +22,7 @@ const LATE_MOST: u32 = 20;
 /// The loop's silence after which the position is asked for all the same.
 const POLL: Duration = Duration::from_millis(2);
 
-/// Numbers of a pose under way: count, position (3), orientation (4), velocity (3), buttons, ready.
+/// Numbers of a pose under way: count, position (3), orientation (4), velocity (3), buttons, idle.
 pub(super) const POSE: usize = 13;
 
 type Socket = WebSocket<TcpStream>;
@@ -39,9 +40,25 @@ pub(super) struct Link {
 #[derive(Debug, Default)]
 pub(super) struct Shared {
     stop: AtomicBool,
+    /// An emergency stop.
+    halted: AtomicBool,
     gone: AtomicBool,
     /// A fault's place in [`FAULTS`], until a state is good again.
     fault: AtomicU32,
+}
+
+/// An emergency stop, and whom to wake for it.
+#[derive(Debug)]
+pub(super) struct Stop {
+    pub shared: Arc<Shared>,
+    pub thread: Thread,
+}
+
+impl EmergencyStop for Stop {
+    fn stop(&self) {
+        self.shared.halted.store(true, Ordering::SeqCst);
+        self.thread.unpark();
+    }
 }
 
 const FAULTS: [Option<Fault>; 4] =
@@ -116,7 +133,16 @@ pub(super) fn spawn(link: Link) -> io::Result<(Reader<POSE>, Writer<3>, Arc<Shar
     let shared = Arc::new(Shared::default());
     let stream = link.socket.get_ref();
     stream.set_read_timeout(Some(LATE)).and(stream.set_write_timeout(Some(LATE)))?;
-    let mut talk = Talk { link, poses, forces, end: End(shared.clone()), text: String::new(), count: 0.0 };
+    let mut talk = Talk {
+        link,
+        poses,
+        forces,
+        end: End(shared.clone()),
+        text: String::new(),
+        count: 0.0,
+        latch: Latch::default(),
+        last: None,
+    };
     let thread = thread::Builder::new().name("haply".into()).spawn(move || talk.run())?;
     Ok((poses_out, forces_in, shared, thread))
 }
@@ -128,6 +154,9 @@ struct Talk {
     end: End,
     text: String,
     count: f64,
+    latch: Latch,
+    /// The last state.
+    last: Option<Seen>,
 }
 
 /// Says that the thread has ended, also by a panic.
@@ -143,13 +172,21 @@ impl Talk {
     /// One message, one state, until told to stop or the service is gone.
     fn run(&mut self) {
         let mut force = None;
-        let mut heard = Instant::now();
+        let [mut heard, mut sent] = [Instant::now(); 2];
         while !self.end.0.stopped() {
+            // A service that kept this thread waiting has let go of the force meanwhile.
+            if force.is_some() && sent.elapsed() > self.link.watchdog {
+                self.latch.close();
+            }
             if let Some(newest) = self.forces.take() {
-                (force, heard) = (Some(newest), Instant::now());
-            } else if heard.elapsed() > self.link.watchdog {
+                (force, heard) = (Some(self.latch.pass(newest)), Instant::now());
+            } else if force.is_some() && heard.elapsed() > self.link.watchdog {
+                self.latch.close();
+            }
+            if self.latch.is_closed() || self.end.0.halted.load(Ordering::SeqCst) {
                 force = force.map(|_| [0.0; 3]);
             }
+            sent = Instant::now();
             if self.send(force).and_then(|()| self.receive()).is_err() {
                 return;
             }
@@ -198,8 +235,9 @@ impl Talk {
     fn tell(&mut self, state: Result<Seen, Unseen>) {
         match state {
             Ok(seen) => {
-                self.count += 1.0;
-                self.poses.put(&packed(self.count, &seen));
+                self.count += f64::from(u8::from(self.last.is_none_or(|last| seen.is_new(&last))));
+                self.last = Some(seen);
+                self.poses.put(&packed(self.count, &seen, !seen.ready || self.latch.is_closed()));
                 self.end.0.say(None);
             }
             Err(Unseen::Garbled) => self.end.0.say(Some(Fault::Garbled)),
@@ -208,21 +246,21 @@ impl Talk {
     }
 }
 
-fn packed(count: f64, seen: &Seen) -> [f64; POSE] {
+fn packed(count: f64, seen: &Seen, idle: bool) -> [f64; POSE] {
     let [x, y, z] = seen.position_m;
     let [w, i, j, k] = seen.orientation;
     let [vx, vy, vz] = seen.velocity_m_per_s.unwrap_or([f64::NAN; 3]);
-    [count, x, y, z, w, i, j, k, vx, vy, vz, f64::from(seen.buttons), f64::from(u8::from(seen.ready))]
+    [count, x, y, z, w, i, j, k, vx, vy, vz, f64::from(seen.buttons), f64::from(u8::from(idle))]
 }
 
 /// A pose as the loop sees it.
 pub(super) fn sample(pose: &[f64; POSE]) -> Sample {
-    let [count, x, y, z, w, i, j, k, vx, vy, vz, buttons, ready] = *pose;
+    let [count, x, y, z, w, i, j, k, vx, vy, vz, buttons, idle] = *pose;
     Sample {
         sequence: count as u64,
         pose: Pose { position_m: [x, y, z], orientation: [w, i, j, k] },
         velocity_m_per_s: Some([vx, vy, vz]).filter(|v| v.iter().all(|c| c.is_finite())),
         buttons: buttons as u32,
-        status: Status { idle: ready == 0.0, ..Status::default() },
+        status: Status { idle: idle > 0.0, ..Status::default() },
     }
 }

@@ -3,7 +3,7 @@
 use super::servo::{self, Servo};
 use crate::Fault;
 use crate::library::{prototypes, text};
-use std::ffi::{CStr, c_char, c_double, c_int, c_uint, c_ulong, c_void};
+use std::ffi::{CStr, c_char, c_double, c_int, c_uchar, c_uint, c_ulong, c_void};
 use std::ptr;
 
 /// HHD: the vendor's name of an open device.
@@ -33,15 +33,23 @@ pub(super) const MAX_STIFFNESS: c_uint = 0x2602;
 pub(super) const MAX_FORCE: c_uint = 0x2603;
 const FORCE: c_uint = 0x2700;
 const FORCE_OUTPUT: c_uint = 0x4000;
+/// Bits of the ways in which it can be calibrated.
+const CALIBRATION_STYLE: c_uint = 0x2555;
+/// By itself, or when the stylus is in its inkwell. A reset of the encoders is not among them: it takes a person who puts the
+/// device into its reset position.
+const CALIBRATION_STYLES: [c_uint; 2] = [4, 2];
+pub(super) const CALIBRATED: c_uint = 0x5000;
+pub(super) const CALIBRATION_NEEDS_UPDATE: c_uint = 0x5001;
+pub(super) const CALIBRATION_NEEDS_HAND: c_uint = 0x5002;
 
 /// Warm motors; the device may soon cut.
 pub(super) const WARM: c_uint = 0x200;
 /// More errors at once than this are left for the next time.
 const ERRORS_AT_ONCE: usize = 8;
 
-/// Warm motors, and limits of force and velocity that the device keeps by itself.
+/// Warm motors, and limits of force, its change and velocity that the device keeps by itself. 0x204, a force error, is not.
 pub(super) fn harmless(code: u32) -> bool {
-    (WARM..=0x204).contains(&code)
+    (WARM..=0x203).contains(&code)
 }
 
 /// 0x302 and 0x303 are those of the communication.
@@ -74,6 +82,9 @@ prototypes! {
     optional {
         get_string = hdGetString(c_uint) -> *const c_char;
         error_string = hdGetErrorString(c_uint) -> *const c_char;
+        is_enabled = hdIsEnabled(c_uint) -> c_uchar;
+        check_calibration = hdCheckCalibration() -> c_uint;
+        update_calibration = hdUpdateCalibration(c_uint);
     }
 }
 
@@ -107,6 +118,31 @@ impl Calls {
 
     pub(super) fn enable_forces(&self) {
         self.enable(FORCE_OUTPUT);
+    }
+
+    /// Whether the device, or its driver, has switched them off. Older libraries don't tell.
+    pub(super) fn forces_are_off(&self) -> bool {
+        // SAFETY: the library is open.
+        self.is_enabled.is_some_and(|ask| unsafe { ask(FORCE_OUTPUT) } == 0)
+    }
+
+    /// How the current device is calibrated, if the library tells. Only the scheduler's thread gets an answer that is true,
+    /// inside a frame.
+    pub(super) fn calibration(&self) -> Option<u32> {
+        // SAFETY: the library is open.
+        self.check_calibration.map(|ask| unsafe { ask() })
+    }
+
+    /// Calibrates the current device, if it can be done without a hand. Positions may jump.
+    pub(super) fn calibrate(&self) {
+        let mut styles = 0;
+        // SAFETY: the library is open, and writes one number.
+        unsafe { (self.get_integers)(CALIBRATION_STYLE, &mut styles) };
+        let style = CALIBRATION_STYLES.into_iter().find(|style| styles.cast_unsigned() & style != 0);
+        if let (Some(style), Some(update)) = (style, self.update_calibration) {
+            // SAFETY: the library is open.
+            unsafe { update(style) }
+        }
     }
 
     /// `servo` must live until the callback has returned for the last time.

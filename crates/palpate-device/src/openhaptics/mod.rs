@@ -3,7 +3,8 @@
 //! The vendor's scheduler has a thread of its own, which calls back once a millisecond; only there may the device be
 //! read and its force be set. That callback (`servo`) exchanges the newest pose and force with the loop, wait-free on
 //! both sides. So the force that answers the pose of one callback is rendered in the next: one scheduler period later, or two
-//! where the loop is late. When the loop falls silent the callback renders nothing ([`OpenHapticsOptions::watchdog_s`]).
+//! where the loop is late. When the loop falls silent the callback renders nothing ([`OpenHapticsOptions::watchdog_s`]), and
+//! where the device has switched its forces off it leaves them so; both until the loop has commanded zero.
 
 mod calls;
 mod servo;
@@ -13,7 +14,7 @@ use crate::frame::Axes;
 use crate::latest::{Reader, Writer};
 use crate::library;
 use crate::limit::{self, Limits};
-use crate::{Basis, Capabilities, Command, Device, Fault, Figure, OpenError, Sample, presets};
+use crate::{Basis, Capabilities, Command, Device, EmergencyStop, Fault, Figure, OpenError, Sample, presets};
 use calls::{Calls, Handle};
 use servo::{POSE, Servo, Shared};
 use std::ffi::{CString, c_ulong};
@@ -52,7 +53,7 @@ pub struct OpenHapticsOptions {
     pub library: Option<PathBuf>,
     /// The device as the vendor's set-up program names it; by default the default one.
     pub name: Option<String>,
-    /// The largest force, N, in place of what the device tells.
+    /// The largest force, N, where it is lower than what the device tells.
     pub max_force_n: Option<f64>,
     /// Callbacks a second: 500 or 1000; the default is 1000.
     pub rate_hz: u32,
@@ -116,6 +117,8 @@ impl OpenHaptics {
         c.buttons = 4;
         let rate = f64::from(self.options.rate_hz);
         (c.rates.usual_hz, c.rates.most_hz) = (rate, rate);
+        c.velocity_delay_s =
+            Some(Figure::guessed(5e-3, "the vendor's library smoothes it; how is not published"));
         c.mechanics.delay_s = Figure::stated(1.0 / rate, "this driver: a force waits for the next callback");
         c
     }
@@ -135,7 +138,7 @@ impl Device for OpenHaptics {
     fn open(&mut self) -> Result<(), OpenError> {
         self.close();
         self.notes.clear();
-        let most = limit::of_user("openhaptics", self.options.max_force_n)?;
+        limit::lower("openhaptics", &mut self.capabilities.max_force_n.clone(), self.options.max_force_n)?;
         let library = library::open("openhaptics", self.options.library.as_deref(), NAMES, INSTALL)?;
         let calls = Calls::of(library)
             .map_err(|name| error(format!("its library has no function {name}"), INSTALL))?;
@@ -153,11 +156,18 @@ impl Device for OpenHaptics {
             *served += 1;
             port
         };
-        if let Some(most) = most {
-            self.capabilities.max_force_n = most;
-        }
+        limit::lower("openhaptics", &mut self.capabilities.max_force_n, self.options.max_force_n)?;
         port.limits = Limits::of(&self.capabilities);
         port.await_pose()?;
+        self.notes.extend(match port.shared.calibration() {
+            None | Some(calls::CALIBRATED) => None,
+            Some(calls::CALIBRATION_NEEDS_HAND) => Some(
+                "it is not calibrated, and its positions may be wrong: put the stylus into its inkwell, and start again".into(),
+            ),
+            Some(_) => Some(
+                "it is not calibrated, and its positions may be wrong: calibrate it with the vendor's Touch_Diagnostic".into(),
+            ),
+        });
         self.port = Some(port);
         Ok(())
     }
@@ -183,6 +193,10 @@ impl Device for OpenHaptics {
 
     fn notes(&self) -> &[String] {
         &self.notes
+    }
+
+    fn emergency_stop(&self) -> Option<Arc<dyn EmergencyStop>> {
+        Some(self.port.as_ref()?.shared.clone())
     }
 
     fn explain(&self, fault: Fault) -> String {
@@ -305,7 +319,7 @@ impl Port {
 impl Drop for Port {
     fn drop(&mut self) {
         let mut served = SERVED.lock().unwrap_or_else(PoisonError::into_inner);
-        let done = self.shared.stop(LAST_CALLBACK);
+        let done = self.shared.end(LAST_CALLBACK);
         if !done {
             self.calls.unschedule(self.callback);
         }

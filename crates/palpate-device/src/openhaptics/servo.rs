@@ -2,8 +2,9 @@
 
 use super::calls::{self, Calls, Handle};
 use crate::frame::Axes;
+use crate::latch::Latch;
 use crate::latest::{Reader, Writer, exchange};
-use crate::{Pose, Sample, Status};
+use crate::{EmergencyStop, Pose, Sample, Status};
 use std::ffi::{c_uint, c_void};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -15,8 +16,8 @@ const CONTINUE: c_uint = 1;
 const MM: f64 = 1e-3;
 
 /// Numbers of a pose under way: count, position (3, mm), the transform's rotation (9), velocity (3, mm/s), buttons, warm,
-/// cut by the device.
-pub(super) const POSE: usize = 19;
+/// cut by the device, idle.
+pub(super) const POSE: usize = 20;
 
 /// One device's part of the scheduler's thread.
 #[derive(Debug)]
@@ -30,8 +31,18 @@ pub(super) struct Servo {
     /// Callbacks since the loop's last force, and how many are too many.
     quiet: u32,
     quiet_most: u32,
+    latch: Latch,
     enabled: bool,
+    calibration: Calibration,
     count: f64,
+}
+
+/// What is known of the calibration. It is made up for, if it has to be, before the first pose, and never with forces on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Calibration {
+    Unasked,
+    Updated,
+    Known,
 }
 
 /// What both threads see besides poses and forces.
@@ -41,6 +52,16 @@ pub(super) struct Shared {
     done: AtomicBool,
     /// The vendor's number of an error that matters, until a callback goes well; 0 for none.
     fault: AtomicU32,
+    /// What the vendor says of the calibration; 0 if nothing.
+    calibration: AtomicU32,
+    /// An emergency stop.
+    halted: AtomicBool,
+}
+
+impl EmergencyStop for Shared {
+    fn stop(&self) {
+        self.halted.store(true, Ordering::SeqCst);
+    }
 }
 
 impl Shared {
@@ -48,8 +69,13 @@ impl Shared {
         Some(self.fault.load(Ordering::Relaxed)).filter(|code| *code != 0)
     }
 
+    /// As the vendor numbers it, if it says so.
+    pub(super) fn calibration(&self) -> Option<u32> {
+        Some(self.calibration.load(Ordering::Relaxed)).filter(|code| *code != 0)
+    }
+
     /// Lets the callback render nothing and end; whether it did within `patience`.
-    pub(super) fn stop(&self, patience: Duration) -> bool {
+    pub(super) fn end(&self, patience: Duration) -> bool {
         self.stop.store(true, Ordering::Release);
         let start = Instant::now();
         while !self.done.load(Ordering::Acquire) && start.elapsed() < patience {
@@ -96,7 +122,9 @@ impl Servo {
             force,
             quiet,
             quiet_most,
+            latch: Latch::default(),
             enabled: false,
+            calibration: Calibration::Unasked,
             count: 0.0,
         };
         (servo, poses_out, forces_in, shared)
@@ -104,22 +132,32 @@ impl Servo {
 
     fn tick(&mut self) -> c_uint {
         let calls = &self.calls;
+        let halted = self.shared.halted.load(Ordering::SeqCst);
         let stop = self.shared.stop.load(Ordering::Acquire);
         calls.make_current(self.device);
+        let off = self.enabled && calls.forces_are_off();
+        if off {
+            self.latch.close();
+        }
         match self.forces.take() {
-            Some(force) => (self.force, self.quiet) = (force, 0),
+            Some(force) => (self.force, self.quiet) = (self.latch.pass(force), 0),
             None => self.quiet = self.quiet.saturating_add(1),
         }
-        if stop || self.quiet > self.quiet_most {
+        if self.quiet > self.quiet_most && self.enabled {
+            self.latch.close();
+        }
+        if stop || halted || self.latch.is_closed() {
             self.force = [0.0; 3];
         }
-        // The loop sends its first force after its first good pose.
-        if !self.enabled && self.quiet == 0 && !stop {
+        // The loop sends its first force after its first good pose; and zero, before what the device switched off is on again.
+        let rearm = off && !self.latch.is_closed();
+        if (!self.enabled || rearm) && self.quiet == 0 && !stop && !halted {
             calls.enable_forces();
             self.enabled = true;
         }
         calls.begin(self.device);
         let mut pose = self.measure();
+        let calibration = (self.calibration != Calibration::Known).then(|| calls.calibration());
         if self.enabled || stop {
             calls.set_force(self.force);
         }
@@ -133,9 +171,14 @@ impl Servo {
             }
         }
         self.shared.fault.store(fault, Ordering::Relaxed);
-        if fault == 0 {
+        let idle = off || self.latch.is_closed();
+        if let Some(told) = calibration {
+            self.calibrate(told);
+        }
+        if fault == 0 && self.calibration == Calibration::Known {
             self.count += 1.0;
-            (pose[0], pose[17], pose[18]) = (self.count, f64::from(u8::from(warm)), f64::from(u8::from(cut)));
+            pose[0] = self.count;
+            pose[17..].copy_from_slice(&[warm, cut, idle].map(|is| f64::from(u8::from(is))));
             self.poses.put(&pose);
         }
         if stop {
@@ -143,6 +186,19 @@ impl Servo {
             return DONE;
         }
         CONTINUE
+    }
+
+    /// Outside of a frame: makes up for a calibration that only has to be taken over, once.
+    fn calibrate(&mut self, told: Option<u32>) {
+        if told == Some(calls::CALIBRATION_NEEDS_UPDATE) && self.calibration == Calibration::Unasked {
+            self.calls.calibrate();
+            // What it could not do is seen by asking again.
+            self.calls.errors().for_each(drop);
+            self.calibration = Calibration::Updated;
+        } else {
+            self.shared.calibration.store(told.unwrap_or_default(), Ordering::Relaxed);
+            self.calibration = Calibration::Known;
+        }
     }
 
     /// Inside a frame.
@@ -165,7 +221,7 @@ pub(super) fn sample(pose: &[f64; POSE]) -> Option<Sample> {
     let position_m = Axes::Y_UP.ours(three(1).map(|mm| mm * MM));
     let orientation = Axes::Y_UP.orientation([three(4), three(7), three(10)])?;
     let velocity = Axes::Y_UP.ours(three(13).map(|mm| mm * MM));
-    let status = Status { idle: false, warm: pose[17] > 0.0, saturated: pose[18] > 0.0 };
+    let status = Status { warm: pose[17] > 0.0, saturated: pose[18] > 0.0, idle: pose[19] > 0.0 };
     position_m.iter().all(|x| x.is_finite()).then(|| Sample {
         sequence: pose[0] as u64,
         pose: Pose { position_m, orientation },

@@ -23,7 +23,8 @@ impl Built {
     /// Compiles `tests/stand_ins/NAME.rs`.
     pub fn new(name: &str) -> Self {
         let folder = TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
-        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/stand_ins/{name}.rs"));
+        let source = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join(format!("../palpate-device/tests/stand_ins/{name}.rs"));
         let file = folder.path().join(libloading::library_filename(name));
         let built = Command::new(rustc())
             .args(["--crate-type", "cdylib", "--edition", "2024", "--crate-name", name, "-A", "warnings"])
@@ -32,6 +33,12 @@ impl Built {
             .expect("rustc runs");
         assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
         Built { folder, file }
+    }
+
+    /// The library itself, which nobody has opened.
+    #[allow(dead_code, reason = "each test file uses its own part")]
+    pub fn file(&self) -> &Path {
+        &self.file
     }
 
     /// A copy of its own, with its own log and settings.
@@ -47,6 +54,7 @@ impl Built {
 }
 
 /// A library that stays open while the test looks at it, also after the driver has closed its own handle.
+#[allow(dead_code, reason = "each test file uses its own part")]
 pub struct StandIn {
     library: Library,
     pub file: PathBuf,
@@ -54,6 +62,7 @@ pub struct StandIn {
 }
 
 #[allow(unsafe_code, reason = "calls into the stand-in")]
+#[allow(dead_code, reason = "each test file uses its own part")]
 impl StandIn {
     /// Tells it how to behave from now on.
     pub fn set(&self, name: &str, value: f64) {
@@ -63,6 +72,16 @@ impl StandIn {
             unsafe { self.library.get::<unsafe extern "C" fn(*const c_char, f64)>("stand_in_set") }.unwrap();
         // SAFETY: a C string.
         unsafe { set(name.as_ptr(), value) }
+    }
+
+    /// The force that the stand-in's motors render at its time `now`, N in the vendor's axes.
+    pub fn rendered(&self) -> [f64; 3] {
+        // SAFETY: the type is that of dhd.rs.
+        let ask = unsafe { self.library.get::<unsafe extern "C" fn(*mut f64)>("stand_in_rendered") }.unwrap();
+        let mut force = [0.0; 3];
+        // SAFETY: it writes three numbers.
+        unsafe { ask(force.as_mut_ptr()) };
+        force
     }
 
     /// The calls since the last time, in order.

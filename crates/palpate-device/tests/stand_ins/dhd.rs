@@ -4,6 +4,48 @@ mod record;
 
 use record::{dawdle, log, setting};
 use std::ffi::{c_char, c_double, c_int, c_uchar, c_uint};
+use std::sync::Mutex;
+
+/// The firmware: what it does by itself depends on the setting `now`, s.
+struct Firmware {
+    expert: bool,
+    /// Steps of 125 µs; 0 for none.
+    watchdog: c_uchar,
+    fed_s: f64,
+    on: bool,
+    /// What switched the forces off last: 0 nothing, 1 the button, 3 the watchdog, 4 the program.
+    cause: c_int,
+    force: [f64; 3],
+}
+
+static FIRMWARE: Mutex<Firmware> =
+    Mutex::new(Firmware { expert: false, watchdog: 0, fed_s: 0.0, on: false, cause: 0, force: [0.0; 3] });
+
+/// As it is at this time: the watchdog may have acted, and the button been pressed (the setting `forces_on`), which switches
+/// forces off, and on again.
+fn firmware<T>(with: impl FnOnce(&mut Firmware) -> T) -> T {
+    let mut firmware = FIRMWARE.lock().unwrap();
+    let silent = setting("now", 0.0) - firmware.fed_s;
+    if firmware.on && firmware.watchdog > 0 && silent > f64::from(firmware.watchdog) * 125e-6 {
+        (firmware.on, firmware.cause) = (false, 3);
+    }
+    if setting("forces_on", 1.0) == 0.0 {
+        if firmware.on {
+            (firmware.on, firmware.cause) = (false, 1);
+        }
+    } else if firmware.cause == 1 && !firmware.on {
+        (firmware.on, firmware.fed_s) = (true, setting("now", 0.0));
+    }
+    if !firmware.on {
+        firmware.force = [0.0; 3];
+    }
+    with(&mut firmware)
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn stand_in_rendered(to: *mut c_double) {
+    firmware(|f| unsafe { to.copy_from(f.force.as_ptr(), 3) });
+}
 
 /// What the setting of the call's name says it returns.
 fn answer(call: &str, usual: f64) -> c_int {
@@ -63,13 +105,42 @@ pub extern "C" fn dhdSetMaxForce(newtons: c_double, id: c_char) -> c_int {
 }
 
 #[unsafe(no_mangle)]
+pub extern "C" fn dhdEnableExpertMode() -> c_int {
+    firmware(|f| f.expert = true);
+    plain("expert", String::new())
+}
+
+/// An expert's call: outside of that mode it is refused.
+#[unsafe(no_mangle)]
 pub extern "C" fn dhdSetWatchdog(steps: c_uchar, id: c_char) -> c_int {
-    plain("watchdog", format!("{steps}, {id}"))
+    let answer = plain("watchdog", format!("{steps}, {id}"));
+    firmware(|f| {
+        if !f.expert || answer < 0 {
+            return -1;
+        }
+        f.watchdog = setting("watchdog_takes", f64::from(steps)) as c_uchar;
+        answer
+    })
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn dhdGetWatchdog(to: *mut c_uchar, _: c_char) -> c_int {
+    firmware(|f| unsafe { *to = f.watchdog });
+    0
 }
 
 #[unsafe(no_mangle)]
 pub extern "C" fn dhdEnableForce(on: c_uchar, id: c_char) -> c_int {
-    plain("enable", format!("{on}, {id}"))
+    let answer = plain("enable", format!("{on}, {id}"));
+    firmware(|f| {
+        if answer >= 0 {
+            f.on = on == 1;
+            f.fed_s = setting("now", 0.0);
+            f.cause = if f.on { f.cause } else { 4 };
+            f.force = [0.0; 3];
+        }
+    });
+    answer
 }
 
 /// Writes nothing where it fails.
@@ -130,7 +201,14 @@ pub extern "C" fn dhdSetForceAndTorqueAndGripperForce(
     grip: c_double,
     id: c_char,
 ) -> c_int {
-    plain("force", format!("{fx}, {fy}, {fz}, {tx}, {ty}, {tz}, {grip}, {id}"))
+    let answer = plain("force", format!("{fx}, {fy}, {fz}, {tx}, {ty}, {tz}, {grip}, {id}"));
+    firmware(|f| {
+        if answer >= 0 {
+            f.fed_s = setting("now", 0.0);
+            f.force = if f.on { [fx, fy, fz] } else { [0.0; 3] };
+        }
+    });
+    answer
 }
 
 #[unsafe(no_mangle)]
@@ -141,10 +219,17 @@ pub extern "C" fn dhdGetButtonMask(_: c_char) -> c_uint {
 /// More words than are documented, as a later library might.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn dhdGetStatus(words: *mut c_int, _: c_char) -> c_int {
+    let (on, cause) = firmware(|f| (f.on, f.cause));
     for i in 0..22 {
-        unsafe { *words.add(i) = 1 };
+        let word = match i {
+            3 => setting("reset", 0.0) as c_int,
+            5 => c_int::from(on),
+            12 => setting("wrist_init", 1.0) as c_int,
+            14 => setting("cause", f64::from(cause)) as c_int,
+            _ => 1,
+        };
+        unsafe { *words.add(i) = word };
     }
-    unsafe { *words.add(5) = setting("forces_on", 1.0) as c_int };
     0
 }
 

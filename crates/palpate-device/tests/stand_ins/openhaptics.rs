@@ -6,7 +6,7 @@ mod record;
 use record::{dawdle, log, setting};
 use std::cell::Cell;
 use std::collections::VecDeque;
-use std::ffi::{CStr, c_char, c_double, c_int, c_uint, c_ulong, c_void};
+use std::ffi::{CStr, c_char, c_double, c_int, c_uchar, c_uint, c_ulong, c_void};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::thread::{self, JoinHandle};
@@ -34,10 +34,13 @@ static ERRORS: Mutex<VecDeque<c_uint>> = Mutex::new(VecDeque::new());
 static LAST_FORCE: Mutex<Option<[f64; 3]>> = Mutex::new(None);
 static DEVICES: AtomicU32 = AtomicU32::new(0);
 static TICKS: AtomicU32 = AtomicU32::new(0);
+static FORCES_ON: AtomicBool = AtomicBool::new(false);
+static CALIBRATED: AtomicBool = AtomicBool::new(false);
 
 thread_local! {
     static CURRENT: Cell<c_uint> = const { Cell::new(u32::MAX) };
     static IN_FRAME: Cell<bool> = const { Cell::new(false) };
+    static IS_SCHEDULER: Cell<bool> = const { Cell::new(false) };
 }
 
 fn fail(code: f64) {
@@ -94,6 +97,9 @@ pub extern "C" fn hdEndFrame(device: c_uint) {
         log("a frame's end out of its place".into());
     }
     fail(setting("error", 0.0));
+    if setting("trip", 0.0) > 0.0 {
+        FORCES_ON.store(false, Ordering::SeqCst);
+    }
 }
 
 #[unsafe(no_mangle)]
@@ -115,6 +121,35 @@ pub extern "C" fn hdGetString(_: c_uint) -> *const c_char {
 #[unsafe(no_mangle)]
 pub extern "C" fn hdEnable(what: c_uint) {
     log(format!("enable({what:#x})"));
+    FORCES_ON.store(true, Ordering::SeqCst);
+}
+
+#[unsafe(no_mangle)]
+pub extern "C" fn hdIsEnabled(what: c_uint) -> c_uchar {
+    assert_eq!(what, 0x4000);
+    FORCES_ON.load(Ordering::SeqCst).into()
+}
+
+/// The setting `calibration` until it was updated, then `updated`. Outside of the scheduler's frames nobody gets an answer.
+#[unsafe(no_mangle)]
+pub extern "C" fn hdCheckCalibration() -> c_uint {
+    if !IS_SCHEDULER.get() || !IN_FRAME.get() {
+        log("calibration asked out of its place".into());
+    }
+    let ok = f64::from(0x5000);
+    match CALIBRATED.load(Ordering::SeqCst) {
+        true => setting("updated", ok) as c_uint,
+        false => setting("calibration", ok) as c_uint,
+    }
+}
+
+#[unsafe(no_mangle)]
+pub extern "C" fn hdUpdateCalibration(style: c_uint) {
+    log(format!("calibrate({style})"));
+    if FORCES_ON.load(Ordering::SeqCst) || IN_FRAME.get() || !IS_SCHEDULER.get() {
+        log("calibrated out of its place".into());
+    }
+    CALIBRATED.store(true, Ordering::SeqCst);
 }
 
 /// A turn about the vendor's y, its up, by the setting `turn`, rad; mm and mm/s.
@@ -145,8 +180,13 @@ pub unsafe extern "C" fn hdGetDoublev(what: c_uint, to: *mut c_double) {
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hdGetIntegerv(what: c_uint, to: *mut c_int) {
-    assert_eq!(what, 0x2000);
-    unsafe { *to = setting("buttons", 0.0) as c_int };
+    unsafe {
+        *to = match what {
+            0x2000 => setting("buttons", 0.0),
+            0x2555 => setting("styles", 5.0),
+            _ => unreachable!(),
+        } as c_int;
+    }
 }
 
 /// Only what changes is logged.
@@ -187,6 +227,7 @@ pub extern "C" fn hdStartScheduler() {
     log("start()".into());
     RUNNING.store(true, Ordering::SeqCst);
     let run = || {
+        IS_SCHEDULER.set(true);
         while RUNNING.load(Ordering::SeqCst) {
             if setting("stands", 0.0) == 0.0 {
                 dawdle("slow");
