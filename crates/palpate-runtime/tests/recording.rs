@@ -314,7 +314,7 @@ fn loop_records(body: &Body) -> Vec<Record> {
         Move::Tap { depth_m: -8e-3, times: 3, seconds: 0.4 },
     ];
     let script = Script::new(DVec3::new(1e-3, 2e-3, 0.0), 1e-3, -DVec3::Z, DVec3::X, &moves).unwrap();
-    let hand = Hand { mass_kg: 0.01, damping_n_s_per_m: 2.0, stiffness_n_per_m: 300.0 };
+    let hand = Hand { mass_kg: 0.01, damping_n_s_per_m: 2.0, stiffness_n_per_m: 300.0, ..Hand::default() };
     let odds = Odds { no_number: 0.01, frozen: 0.005, jump: 0.005, read_error: 0.01, write_error: 0.01 };
     let mut device = Faulty::new(Simulated::new(capabilities, hand, Box::new(script)), odds, 7);
     device.open().unwrap();

@@ -113,7 +113,12 @@ fn run(body: &Arc<Body>, seed: u64, rng: &mut Random, tally: &mut Tally) {
     let touch = body.first_touch(above, above - DVec3::Z * 0.15, 0.0).unwrap();
     let from_body = |v: DVec3| map.rotation.conjugate() * v;
     let start = from_body(body.point(touch.at) - map.offset_m) / map.scale;
-    let hand = Hand { mass_kg: 0.01, damping_n_s_per_m: 2.0, stiffness_n_per_m: rng.range(100.0, 2000.0) };
+    let hand = Hand {
+        mass_kg: 0.01,
+        damping_n_s_per_m: 2.0,
+        stiffness_n_per_m: rng.range(100.0, 2000.0),
+        ..Hand::default()
+    };
     let script = Script::new(start, 1e-3, from_body(-DVec3::Z), from_body(DVec3::X), &moves(rng)).unwrap();
     let mut odds = Odds::default();
     for odds in
