@@ -70,6 +70,7 @@ mod statistics;
 mod timed;
 pub mod trace;
 mod watch;
+mod wrench;
 
 pub use closed_loop::{HapticLoop, Period, Port};
 pub use coupling::Coupling;
@@ -90,7 +91,7 @@ pub use record::{
     BodyFile, CreateError, Ending, Field, Finished, Header, Map, OpenRecordingError, RECORDING_MAGIC, Record,
     Recorder, RecorderThread, Recording, RecordingFile, Records, Retrace, ring,
 };
-pub use safety::{GENTLE_N, Safety, SafetyError};
+pub use safety::{GENTLE_N, GENTLE_NM, Safety, SafetyError};
 pub use session::{Prepared, Report, Session, Settings, StartError, Stopper};
 pub use soft_start::SoftStart;
 pub use stages::Stages;

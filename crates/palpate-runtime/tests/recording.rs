@@ -33,6 +33,7 @@ fn header() -> Header {
         device: "Touch".into(),
         safety: Some(Safety { slew_n_per_s: Some(1e5 / 3.0), ..Safety::default() }),
         coupling_n_per_m: Some(0.1 + 0.2),
+        coupling_nm_per_rad: Some(1.0 / 7.0),
         map: WorkspaceMap { offset_m: DVec3::splat(1.0 / 3.0), clutch: Some(2), ..WorkspaceMap::default() }
             .into(),
     }
@@ -188,13 +189,15 @@ fn a_recording_of_version_1_that_is_there_is_read() {
     );
     assert_eq!((records[17].tool(), records[17].command_force_n), (None, [0.0; 3]));
 
-    // What is written today has the same bytes.
+    // What is written today has the same bytes, and version 2.
     let bytes = std::fs::read(&path).unwrap();
     let mut again = RecordingFile::begin(Vec::new(), &header).unwrap();
     records.iter().for_each(|r| again.write(r).unwrap());
     let again = again.end("the time is over", 18, 0).unwrap();
     let tail = bytes.len() - 19 * Record::BYTES;
-    assert!(again.ends_with(&bytes[tail..]) && again[..12] == bytes[..12]);
+    assert!(again.ends_with(&bytes[tail..]) && again[..8] == bytes[..8]);
+    assert_eq!((bytes[8], again[8]), (1, 2));
+    assert!(records.iter().all(|r| r.squares_rad2 == 0.0 && r.sample().angular_velocity_rad_per_s.is_none()));
 }
 
 /// Somewhere to write that other threads can look into, and that has room for so many bytes.
