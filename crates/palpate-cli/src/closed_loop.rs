@@ -227,7 +227,7 @@ fn cycles(rests: &[(f64, f64)], places: &[DVec3], rate_hz: f64) -> Vec<LimitCycl
 }
 
 /// Of two springs one behind the other.
-fn in_series(a: f64, b: f64) -> f64 {
+pub(crate) fn in_series(a: f64, b: f64) -> f64 {
     a * b / (a + b)
 }
 

@@ -1,5 +1,6 @@
 //! Loops against the clock: devices as the command line names them, their sessions on one body, and what they tell.
 
+use crate::closed_loop::{in_series, passive_up_to};
 use crate::console;
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
@@ -15,7 +16,7 @@ use palpate_runtime::motion::MotionScript;
 use palpate_runtime::path;
 use palpate_runtime::{
     BodyFile, Coupling, End, Finished, HapticLoop, Header, Opened, Prepared, RecorderThread, Recording,
-    RecordingFile, Report, Safety, Session, Settings, StageFlags, Summary, WorkspaceMap, ring,
+    RecordingFile, Report, Safety, Session, Settings, StageFlags, Stopper, Summary, WorkspaceMap, ring,
 };
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -31,6 +32,8 @@ const ABOVE: f64 = 20e-3;
 const RING_S: f64 = 2.0;
 /// Between two lines that tell how it goes, s.
 const TOLD_EVERY: Duration = Duration::from_secs(1);
+/// How long what could not be had may take to be told before the first force: where nobody reads, it is told later.
+const PATIENCE: Duration = Duration::from_millis(500);
 /// For as long as it likes, s.
 const AT_LEISURE: f64 = 1e9;
 /// Between two looks at the sessions.
@@ -113,6 +116,8 @@ pub struct LivePlan {
     pub place: Place,
     /// Files to record into, one for each device, or none.
     pub record: Vec<PathBuf>,
+    /// Whether anything that could not be had is an error.
+    pub strict: bool,
     /// Whether the output is JSON.
     pub json: bool,
 }
@@ -234,18 +239,21 @@ struct Running {
     session: Option<Session>,
     recorder_thread: RecorderThread,
     device: String,
+    /// Periods in which the device rendered nothing, as far as they were told.
+    idle: u64,
 }
 
-/// Runs all devices on the body until each has ended, or one has ended badly, or a signal comes.
+/// Runs all devices on the body until each has ended, or a signal comes. A panic anywhere in the program takes all forces off
+/// before a word of it is written.
 ///
 /// # Errors
-/// What can't be begun: a device, a recording, a setting. Everything that was begun is ended then.
+/// What can't be begun: a device, a recording, a setting; what could not be had, if the plan is strict. Everything that was
+/// begun is ended then.
 pub fn run(body: &Arc<dyn BodySource>, holds: Vec<Hold>, plan: &LivePlan) -> Result<Vec<(Told, End)>> {
-    let stop = signals()?;
+    let is_asked = signals()?;
     let count = holds.len();
     let teller = Teller::start(plan.json)?;
     // All are ready before the first one renders: from then on somebody watches.
-    let is_asked = || stop.load(Ordering::Relaxed);
     let mut ready = Vec::new();
     for (i, hold) in holds.into_iter().enumerate() {
         if !is_asked() {
@@ -256,29 +264,44 @@ pub fn run(body: &Arc<dyn BodySource>, holds: Vec<Hold>, plan: &LivePlan) -> Res
         console::note("a signal asked for the end before it began");
         return Ok(Vec::new());
     }
+    let refused =
+        |r: &Ready| r.session.notes().iter().map(|n| format!("{}: {n}", r.device)).collect::<Vec<_>>();
+    let refused: Vec<String> = ready.iter().flat_map(refused).collect();
+    if plan.strict && !refused.is_empty() {
+        bail!("--strict: {}", refused.join("; "));
+    }
+    for note in refused.into_iter().chain(ready.iter_mut().flat_map(|r| r.advice.take())) {
+        teller.tell(News::Note(note));
+    }
+    teller.catch_up(PATIENCE);
+    stop_on_panic(ready.iter().map(|r| r.session.stopper()).collect());
     let mut running = ready.into_iter().map(Ready::start).collect::<Result<Vec<_>>>()?;
     let mut told = Instant::now();
     let mut ended: Vec<Option<Report>> = (0..count).map(|_| None).collect();
     while running.iter().any(|r| r.session.is_some()) {
         std::thread::sleep(PAUSE);
-        let mut bad = stop.load(Ordering::Relaxed).then_some("a signal asked for it");
         for (one, ended) in running.iter_mut().zip(&mut ended) {
             if let Some(session) = one.session.take_if(|s| s.is_over()) {
                 let report = session.join();
-                bad = bad.or((!report.end.is_well()).then_some("another device's loop has ended"));
+                // The others go on, and their hands should know.
+                if !report.end.is_well() && count > 1 {
+                    teller.tell(News::Note(format!("{}: its loop has ended: {}", one.device, report.end)));
+                }
                 *ended = Some(report);
             }
         }
-        for session in running.iter().filter_map(|r| r.session.as_ref()) {
-            bad.into_iter().for_each(|why| session.stopper().stop(why));
+        for session in running.iter().filter_map(|r| r.session.as_ref()).filter(|_| is_asked()) {
+            session.stopper().stop("a signal asked for it");
         }
         if told.elapsed() >= TOLD_EVERY {
             told = Instant::now();
-            for one in running.iter().filter(|r| r.session.is_some()) {
-                teller.tell(News::Live {
-                    device: one.device.clone(),
-                    summary: Box::new(one.recorder_thread.summary()),
-                });
+            for one in running.iter_mut().filter(|r| r.session.is_some()) {
+                let summary = Box::new(one.recorder_thread.summary());
+                let idle = summary.stages.get("idle").copied().unwrap_or_default();
+                if std::mem::replace(&mut one.idle, idle) < idle {
+                    teller.tell(News::Note(format!("{}: {IDLE}", one.device)));
+                }
+                teller.tell(News::Live { device: one.device.clone(), summary });
             }
         }
         for one in &running {
@@ -295,15 +318,28 @@ pub fn run(body: &Arc<dyn BodySource>, holds: Vec<Hold>, plan: &LivePlan) -> Res
     };
     let finished: Vec<_> = running.into_iter().zip(ended).filter_map(finish).collect();
     teller.finish();
-    finished.iter().flat_map(|(_, report)| &report.notes).for_each(|n| console::note(n));
     Ok(finished.into_iter().map(|(told, report)| (told, report.end)).collect())
 }
 
-/// Set at the first signal to stop; a second one ends the program.
-fn signals() -> Result<&'static AtomicBool> {
+/// What is set at the first signal to stop; a second one ends the program. Ctrl-Z is one too: a program that is suspended holds
+/// its last force.
+fn signals() -> Result<impl Fn() -> bool> {
     static STOP: AtomicBool = AtomicBool::new(false);
     console::stop_on_signals(&STOP)?;
-    Ok(&STOP)
+    let suspended = Arc::new(AtomicBool::new(false));
+    #[cfg(unix)]
+    signal_hook::flag::register(signal_hook::consts::SIGTSTP, suspended.clone())
+        .context("Ctrl-Z can't be handled")?;
+    Ok(move || STOP.load(Ordering::Relaxed) || suspended.load(Ordering::Relaxed))
+}
+
+/// Zero force first, in whatever thread a panic is: what is written about it may take forever where nobody reads.
+fn stop_on_panic(stoppers: Vec<Stopper>) {
+    let written = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        stoppers.iter().for_each(|stopper| stopper.stop_at_once("a panic in this program"));
+        written(panic);
+    }));
 }
 
 /// A loop that only has to be started.
@@ -311,12 +347,14 @@ struct Ready {
     session: Prepared,
     recorder_thread: RecorderThread,
     device: String,
+    /// What the hand should know of body and device.
+    advice: Option<String>,
 }
 
 impl Ready {
     fn start(self) -> Result<Running> {
-        let Ready { session, recorder_thread, device } = self;
-        Ok(Running { session: Some(session.start()?), recorder_thread, device })
+        let Ready { session, recorder_thread, device, .. } = self;
+        Ok(Running { session: Some(session.start()?), recorder_thread, device, idle: 0 })
     }
 }
 
@@ -371,8 +409,30 @@ fn prepare(
     if is_replay {
         settings.patience.pose_s = f64::INFINITY;
     }
+    let advice = match is_replay {
+        true => None,
+        false => {
+            let stiffest = stiffest(&**body)?;
+            let met = coupling_n_per_m.map_or(stiffest, |k| in_series(stiffest, k));
+            too_stiff(met, &map, device.capabilities(), settings.rate_hz)
+        }
+    };
     let session = Session::prepare(body.clone(), device, haptics, recorder, settings)?;
-    Ok(Ready { session, recorder_thread, device: name })
+    Ok(Ready { session, recorder_thread, device: name, advice })
+}
+
+/// What the device makes of a body that is this stiff, N/m: longer ways in the body than at the device make it stiffer there.
+fn too_stiff(body: f64, map: &WorkspaceMap, device: &Capabilities, rate_hz: f64) -> Option<String> {
+    let (felt, holds) = (body * map.scale, device.max_stiffness_n_per_m.value);
+    let passive = passive_up_to(device, 1.0 / rate_hz);
+    let scaled = if map.scale == 1.0 { String::new() } else { format!(" (with --scale {})", map.scale) };
+    (felt > holds.min(passive)).then(|| {
+        format!(
+            "{}: the body is as stiff as {felt:.0} N/m at the handle{scaled}; the device holds {holds:.0} N/m, and its damping \
+             keeps a loop of {rate_hz} Hz passive up to {passive:.0} N/m: beyond, it may hum",
+            device.name
+        )
+    })
 }
 
 /// K_max at any depth, N/m.
@@ -439,9 +499,18 @@ pub fn ablation_name(ablation: Ablation) -> &'static str {
 
 /// What is reported while loops run.
 enum News {
-    Live { device: String, summary: Box<Summary> },
+    Live {
+        device: String,
+        summary: Box<Summary>,
+    },
     Note(String),
+    /// All before it is told.
+    Told(SyncSender<()>),
 }
+
+/// What a device is told to be that renders nothing.
+const IDLE: &str = "it renders no force: its forces are off, nobody holds its grip, or it is not ready; when it renders again, \
+                    the force ramps up";
 
 /// Tells it from a thread of its own: where nobody reads, telling may take forever, and who watches the loops can't wait for that.
 struct Teller {
@@ -464,6 +533,13 @@ impl Teller {
         let _ = self.news.try_send(news);
     }
 
+    /// Waits until what was told is read, but no longer than this.
+    fn catch_up(&self, patience: Duration) {
+        let (told, heard) = sync_channel(1);
+        self.tell(News::Told(told));
+        let _ = heard.recv_timeout(patience);
+    }
+
     /// Waits until all is told.
     fn finish(self) {
         drop(self.news);
@@ -477,6 +553,11 @@ fn say(news: &News, json: bool) -> Result<()> {
     let (device, summary) = match news {
         News::Note(what) => {
             console::note(what);
+            return Ok(());
+        }
+        News::Told(told) => {
+            // Who asked may have given up.
+            let _ = told.try_send(());
             return Ok(());
         }
         News::Live { device, summary } => (device, summary),

@@ -9,7 +9,7 @@ use common::{TestDirectory, said, spec};
 use glam::DVec3;
 use palpate_body::Body;
 use palpate_cli::live::{self, Hold, LivePlan, Place};
-use palpate_device::{Capabilities, Device, Fault, OpenError, Sample, presets};
+use palpate_device::{Capabilities, Device, EmergencyStop, Fault, OpenError, Sample, presets};
 use palpate_engine::{Ablation, Flags};
 use palpate_runtime::motion::MotionScript;
 use palpate_runtime::{Ending, Patience, RealTime, Record, Recording, RecordingFile, Safety, Settings};
@@ -244,7 +244,8 @@ fn send(signal: &str, child: &Child) {
 #[test]
 fn signals_end_it_with_zero_force() {
     let directory = directory();
-    for signal in ["INT", "TERM"] {
+    // Ctrl-Z would leave the device with its last force.
+    for signal in ["INT", "TERM", "TSTP"] {
         let name = format!("{signal}.rec");
         let child = directory.start(&format!("--seconds 600 --record {name}"));
         directory.wait_for(&name, 400);
@@ -319,17 +320,33 @@ fn signals_end_it(json: &str) {
     assert_eq!(status.code(), Some(130));
 }
 
-/// A simulated device with a list of its commands; with another's list, it is gone as soon as both have pressed.
+/// A simulated device with a list of its commands. The first of two is gone as soon as both have pressed; when the other has
+/// gone on without it for a while, its driver panics.
 struct Leaving {
     device: Box<dyn Device>,
     log: Arc<Mutex<Log>>,
-    other: Option<Arc<Mutex<Log>>>,
+    other: Arc<Mutex<Log>>,
+    is_first: bool,
+    alone: u32,
 }
 
-#[derive(Default)]
+#[derive(Debug, Default)]
 struct Log {
     forces: Vec<DVec3>,
     closed: bool,
+    stopped: bool,
+}
+
+/// The device's emergency stop.
+#[derive(Debug)]
+struct Stop(Arc<Mutex<Log>>);
+
+impl EmergencyStop for Stop {
+    fn stop(&self) {
+        let mut log = self.0.lock().unwrap();
+        log.forces.push(DVec3::ZERO);
+        log.stopped = true;
+    }
 }
 
 impl Log {
@@ -347,8 +364,12 @@ impl Device for Leaving {
     }
     fn read(&mut self, now_s: f64) -> Result<Sample, Fault> {
         let pressed = |log: &Mutex<Log>| log.lock().unwrap().pressed();
-        if self.other.as_ref().is_some_and(|other| pressed(other) && pressed(&self.log)) {
+        if self.is_first && pressed(&self.other) && pressed(&self.log) {
             return Err(Fault::Disconnected);
+        }
+        if !self.is_first && self.other.lock().unwrap().closed {
+            self.alone += u32::from(self.log.lock().unwrap().forces.last().is_some_and(|f| f.length() > 0.5));
+            assert!(self.alone < ALONE, "the driver has a bug");
         }
         self.device.read(now_s)
     }
@@ -360,21 +381,35 @@ impl Device for Leaving {
         self.log.lock().unwrap().closed = true;
         self.device.close();
     }
+    fn emergency_stop(&self) -> Option<Arc<dyn EmergencyStop>> {
+        Some(Arc::new(Stop(self.log.clone())))
+    }
 }
 
-/// One of two devices on one body fails in mid-press: the other's loop ends with zero force too, long before its time.
+/// Periods with a force that the second device renders after the first one's end.
+const ALONE: u32 = 100;
+
+/// One of two devices on one body fails in mid-press: its loop ends, and the other's goes on. Then that one's driver panics:
+/// zero force before a word of the panic is written.
 /// The only test that runs loops in its own process: signals can be handled once.
 #[test]
-fn a_device_that_fails_ends_the_others_loop_too() {
+fn a_device_that_fails_ends_its_own_loop_alone_and_a_panic_takes_the_force_off_first() {
     let directory = directory();
     let (body, file) = live::open_body(&directory.path("block.body"), None, None, false).unwrap();
     let intent = MotionScript::read(&directory.path("intent.toml")).unwrap();
     let (hand, _) = presets::hand("fingers").unwrap();
     let logs: [Arc<Mutex<Log>>; 2] = Default::default();
-    let others = [Some(logs[1].clone()), None];
-    let holds = logs.iter().zip(others).map(|(log, other)| {
+    let saw = Arc::new(Mutex::new(Vec::new()));
+    let (words, log) = (saw.clone(), logs[1].clone());
+    std::panic::set_hook(Box::new(move |panic| {
+        let log = log.lock().unwrap();
+        words.lock().unwrap().push((panic.to_string(), log.stopped, log.forces.last().copied()));
+    }));
+    let others = [(logs[1].clone(), true), (logs[0].clone(), false)];
+    let holds = logs.iter().zip(others).map(|(log, (other, is_first))| {
         let hold = live::simulated(&*body, presets::device("touch").unwrap(), hand, &intent).unwrap();
-        Hold { device: Box::new(Leaving { device: hold.device, log: log.clone(), other }), ..hold }
+        let leaving = Leaving { device: hold.device, log: log.clone(), other, is_first, alone: 0 };
+        Hold { device: Box::new(leaving), ..hold }
     });
     let settings = Settings::new(1000.0);
     let plan = LivePlan {
@@ -384,19 +419,24 @@ fn a_device_that_fails_ends_the_others_loop_too() {
             patience: Patience { late_s: 10.0, pose_s: 10.0, finder_s: 10.0, ..settings.patience },
             ..settings
         },
-        safety: Safety { soft_start_s: 0.05, ..Safety::default() },
+        safety: Safety { soft_start_s: 0.05, silence_s: Some(1.0), ..Safety::default() },
         slip: None,
         no_tank: false,
         ablation: Ablation::None,
         coupling_n_per_m: None,
         place: Place::default(),
         record: Vec::new(),
+        strict: false,
         json: false,
     };
     let ended = live::run(&body, holds.collect(), &plan).unwrap();
+    let _ = std::panic::take_hook();
     let [(gone, _), (other, _)] = &ended[..] else { panic!("{ended:?}") };
     assert_eq!((gone.end.as_str(), gone.well), ("the device is gone", false));
-    assert_eq!(other.end, "another device's loop has ended");
+    let saw = saw.lock().unwrap();
+    let [(words, stopped, last)] = &saw[..] else { panic!("{saw:?}") };
+    assert!(words.contains("the driver has a bug") && *stopped && *last == Some(DVec3::ZERO), "{saw:?}");
+    assert_eq!(other.end, "the haptic thread panicked: the driver has a bug");
     for log in &logs {
         // What is gone may not get the commands; they are sent all the same.
         let log = log.lock().unwrap();
@@ -505,6 +545,26 @@ fn what_is_not_installed_is_said_with_what_to_do() {
         1,
         &["127.0.0.1:1", "Inverse Service", "start it"],
     );
+}
+
+/// What the system refuses ends it where that is asked for, before anything is rendered; else it is told before it begins. Both
+/// only where something is refused, which is so wherever no rights were given.
+#[test]
+fn what_could_not_be_had_is_told_first_or_an_error() {
+    let directory = directory();
+    let run = "run block.body --device simulated --intent intent.toml --seconds 0.1 --soft-start-s 0.05 --late-ms 10000";
+    let output = directory.run(run);
+    let refused = said(&output).contains("was refused");
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    let output = directory.run(&format!("{run} --strict --record a.rec"));
+    assert_eq!(output.status.code(), Some(i32::from(refused)), "{}", said(&output));
+    if refused {
+        assert!(said(&output).contains("--strict: 3D Systems Touch: "), "{}", said(&output));
+        assert!(directory.records("a.rec").0.is_empty());
+    }
+    // A body that is as stiff as no Touch is, by the longer way that it is seen on.
+    let output = directory.run(&format!("{run} --priority 0 --scale 10"));
+    assert!(said(&output).contains("(with --scale 10); the device holds 400 N/m"), "{}", said(&output));
 }
 
 #[test]

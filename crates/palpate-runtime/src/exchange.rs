@@ -4,17 +4,36 @@
 //! the weakest that will do: with any of them weaker a test fails.
 
 use crate::atomic::{AtomicPtr, AtomicU64, Ordering, fence};
+use std::marker::PhantomData;
 use std::ptr;
 
 /// Room for one box: posting puts it there and takes out what was there, taking leaves the room empty.
+///
+/// What is in it goes from thread to thread, and has to bear that:
+///
+/// ```compile_fail,E0277
+/// # use palpate_runtime::Mailbox;
+/// # use std::rc::Rc;
+/// let mailbox = Mailbox::<Rc<u32>>::default();
+/// std::thread::scope(|scope| scope.spawn(|| mailbox.take()).join());
+/// ```
+///
+/// ```
+/// # use palpate_runtime::Mailbox;
+/// # use std::sync::Arc;
+/// let mailbox = Mailbox::<Arc<u32>>::default();
+/// std::thread::scope(|scope| scope.spawn(|| mailbox.take()).join()).unwrap();
+/// ```
 #[derive(Debug)]
 pub struct Mailbox<T> {
     slot: AtomicPtr<T>,
+    /// An atomic pointer goes between threads whatever it points to; the box that it is here does not.
+    owns: PhantomData<*mut T>,
 }
 
 impl<T> Default for Mailbox<T> {
     fn default() -> Self {
-        Mailbox { slot: AtomicPtr::new(ptr::null_mut()) }
+        Mailbox { slot: AtomicPtr::new(ptr::null_mut()), owns: PhantomData }
     }
 }
 
@@ -23,6 +42,10 @@ impl<T> Default for Mailbox<T> {
 // SAFETY: the pointer is only ever swapped as a whole, so that each box has one owner at a time; moving it between threads
 // needs `T: Send`, and nothing is shared.
 unsafe impl<T: Send> Sync for Mailbox<T> {}
+
+#[allow(unsafe_code, reason = "the mailbox owns what its pointer points to")]
+// SAFETY: with the mailbox goes the box in it, if there is one, which needs `T: Send`.
+unsafe impl<T: Send> Send for Mailbox<T> {}
 
 impl<T> Mailbox<T> {
     /// Puts a box in. What was there and nobody took comes back.

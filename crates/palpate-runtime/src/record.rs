@@ -107,9 +107,10 @@ record! {
     read_ns: u32,
     /// What the device's write took, ns.
     write_ns: u32,
-    /// What the device reported: 0 nothing, else 1 + the position of the fault in the order of `Fault`.
+    /// What the device reported: 0 nothing, 1 it is not open, 2 it is gone, 3 it did not answer in time, 4 it can't be
+    /// understood, 5 an error of the vendor's (`fault_code`), 6 its recording has ended.
     fault: u32,
-    /// The number that the device's fault has.
+    /// The vendor's number of the error, if `fault` is 5.
     fault_code: i64,
     /// The sample's number.
     device_sequence: u64,

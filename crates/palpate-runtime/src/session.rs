@@ -16,11 +16,12 @@ use crate::record::{Record, Recorder};
 use crate::watch::{Alarm, End, Patience, Watch};
 use crate::{HapticLoop, Opened, PageFaults, Period, StageFlags, Timed};
 use palpate_body::{BodyError, BodySource};
-use palpate_device::{Command, Device, Fault, Pace};
+use palpate_device::{Command, Device, EmergencyStop, Fault, Pace};
 use palpate_engine::Flags;
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
@@ -72,8 +73,6 @@ pub enum StartError {
 pub struct Report {
     /// Why it ended.
     pub end: End,
-    /// What the system refused, and what to do about it.
-    pub notes: Vec<String>,
     /// Periods that were run.
     pub periods: u64,
     /// Patches that came without the contact point's element.
@@ -93,6 +92,8 @@ struct Shared {
     /// What it said when it went.
     finder_words: OnceLock<String>,
     over: AtomicBool,
+    /// The device's own.
+    emergency: Option<Arc<dyn EmergencyStop>>,
 }
 
 /// A loop that is running. Dropped, it is stopped and waited for.
@@ -102,16 +103,15 @@ pub struct Session {
     haptic: Option<JoinHandle<Report>>,
 }
 
-/// A loop that only has to be started.
+/// A loop that only has to be started: its haptic thread has all that it could have, and waits. Dropped, it closes the device.
 #[derive(Debug)]
 pub struct Prepared {
-    device: Opened,
-    haptics: HapticLoop,
-    recorder: Recorder,
-    settings: Settings,
+    /// Dropped before the session, which waits for its thread.
+    go: SyncSender<()>,
+    session: Session,
     notes: Vec<String>,
-    patch_holder: PatchHolder,
     finder: Finder,
+    pause: Duration,
 }
 
 /// Ends a session from elsewhere, such as a signal's handler.
@@ -123,6 +123,16 @@ impl Stopper {
     pub fn stop(&self, by: &'static str) {
         let _ = self.0.by.set(by);
         self.0.asked.store(true, Ordering::Release);
+    }
+
+    /// The same, with zero force before anything else, past the slew limit, by the device's own emergency stop. For the hook of
+    /// a panic, which is called before a word of it is written: standard error may be one that nobody reads, and the thread
+    /// that panics stands there with the device's last force.
+    pub fn stop_at_once(&self, by: &'static str) {
+        if let Some(device) = &self.0.emergency {
+            device.stop();
+        }
+        self.stop(by);
     }
 }
 
@@ -141,10 +151,12 @@ impl Session {
         Self::prepare(body, device, haptics, recorder, settings)?.start()
     }
 
-    /// Lays out the first patch around the device.
+    /// Lays out the first patch around the device, locks memory, and starts the haptic thread, which asks the system for what it
+    /// needs and waits: what could not be had is known ([`Prepared::notes`]) before there is a force.
     ///
     /// # Errors
-    /// The body's file can't be read, or the body does not serve the contact's slip rule. The device is closed then.
+    /// The body's file can't be read, or the body does not serve the contact's slip rule; the system gives no thread. The
+    /// device is closed then.
     pub fn prepare(
         body: Arc<dyn BodySource>,
         mut device: Opened,
@@ -156,9 +168,21 @@ impl Session {
         // Where it is tells where the first patch should be; a device that doesn't know yet may be anywhere.
         let place = device.read(0.0).map_or([0.0; 3], |s| haptics.map().body_from_device(&s.pose).position_m);
         let place = if place.iter().all(|x| x.is_finite()) { place } else { [0.0; 3] };
-        let notes = device.notes().iter().cloned().chain(lock_memory(&*body)).collect();
+        let mut notes: Vec<String> = device.notes().iter().cloned().chain(lock_memory(&*body)).collect();
         let (patch_holder, finder) = patch_holder(body, place, settings.patch_elements)?;
-        Ok(Prepared { device, haptics, recorder, settings, notes, patch_holder, finder })
+        let shared = Arc::new(Shared { emergency: device.emergency_stop(), ..Shared::default() });
+        let (go, may_go) = sync_channel(1);
+        let (refused, told) = sync_channel(1);
+        let haptic = thread::Builder::new().name("palpate-haptic".into()).spawn({
+            let shared = shared.clone();
+            move || {
+                Haptic { shared, haptics, patch_holder, recorder, settings }.run(device, &refused, &may_go)
+            }
+        })?;
+        // A thread that panics before it tells has nothing to tell.
+        notes.extend(told.recv().unwrap_or_default());
+        let pause = Duration::from_secs_f64(settings.finder_pause_s);
+        Ok(Prepared { go, session: Session { shared, haptic: Some(haptic) }, notes, finder, pause })
     }
 
     /// Something to stop it with.
@@ -185,7 +209,18 @@ impl Session {
 }
 
 impl Prepared {
-    /// Starts both threads.
+    /// What could not be had, and what to do about it: of the device (a watchdog, a calibration), and of the system (memory
+    /// that stays, a priority, a core).
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// Something to stop it with, now and when it runs.
+    pub fn stopper(&self) -> Stopper {
+        self.session.stopper()
+    }
+
+    /// Starts the contact finder's thread, and lets the haptic thread go.
     ///
     /// # Errors
     /// The system gives no thread. The device is closed then.
@@ -198,21 +233,17 @@ impl Prepared {
         self,
         find: impl FnOnce(Finder, &Shared, Duration) + Send + 'static,
     ) -> Result<Session, StartError> {
-        let Prepared { device, haptics, recorder, settings, notes, patch_holder, finder } = self;
-        let shared = Arc::new(Shared::default());
+        let Prepared { go, session, finder, pause, .. } = self;
         thread::Builder::new().name("palpate-finder".into()).spawn({
-            let shared = shared.clone();
+            let shared = session.shared.clone();
             move || {
                 let _gone = Gone(&shared.finder_gone);
-                find(finder, &shared, Duration::from_secs_f64(settings.finder_pause_s));
+                find(finder, &shared, pause);
             }
         })?;
-        let haptic = thread::Builder::new().name("palpate-haptic".into()).spawn({
-            let shared = shared.clone();
-            move || Haptic { shared, haptics, patch_holder, recorder, settings, notes }.run(device)
-        });
-        let haptic = haptic.inspect_err(|_| shared.over.store(true, Ordering::Release))?;
-        Ok(Session { shared, haptic: Some(haptic) })
+        // A thread that is gone already says why when it is joined.
+        let _ = go.send(());
+        Ok(session)
     }
 }
 
@@ -227,7 +258,6 @@ impl Report {
     fn panicked(words: String) -> Self {
         Report {
             end: End::Panic(words),
-            notes: Vec::new(),
             periods: 0,
             refused_patches: 0,
             page_faults: PageFaults::default(),
@@ -272,8 +302,6 @@ struct Haptic {
     patch_holder: PatchHolder,
     recorder: Recorder,
     settings: Settings,
-    /// What was refused before the threads began.
-    notes: Vec<String>,
 }
 
 /// How the periods ended, as plain data.
@@ -285,13 +313,17 @@ enum Stop {
 }
 
 impl Haptic {
-    fn run(mut self, device: Opened) -> Report {
-        let (refused, _awake) = self.settings.real_time.enter();
-        self.notes.extend(refused);
+    fn run(mut self, device: Opened, refused: &SyncSender<Vec<String>>, may_go: &Receiver<()>) -> Report {
+        let (notes, _awake) = self.settings.real_time.enter();
+        let _ = refused.send(notes);
+        let goes = may_go.recv().is_ok();
         let clock = Clock::start();
         let mut device = Timed::new(device.into_inner(), move || clock.now());
         let mut tally = Tally::default();
-        let ended = catch_unwind(AssertUnwindSafe(|| self.periods(&mut device, clock, &mut tally)));
+        let ended = match goes {
+            true => catch_unwind(AssertUnwindSafe(|| self.periods(&mut device, clock, &mut tally))),
+            false => Ok(Stop::Asked),
+        };
         let faults = PageFaults::of_this_thread().unwrap_or_default().since(tally.faults.unwrap_or_default());
         let ended = ended.and_then(|stop| {
             catch_unwind(AssertUnwindSafe(|| self.fade(&mut device, clock, &mut tally))).map(|()| stop)
@@ -318,7 +350,6 @@ impl Haptic {
         };
         Report {
             end,
-            notes: self.notes,
             periods: tally.periods,
             refused_patches: self.patch_holder.refused(),
             page_faults: faults,

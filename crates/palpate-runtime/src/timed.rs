@@ -1,6 +1,7 @@
 //! How long a device's read and write take.
 
-use palpate_device::{Capabilities, Command, Device, Fault, OpenError, Sample};
+use palpate_device::{Capabilities, Command, Device, EmergencyStop, Fault, OpenError, Sample};
+use std::sync::Arc;
 
 /// A device with a watch beside it: `clock` tells ns since whenever.
 #[derive(Debug)]
@@ -46,6 +47,14 @@ impl<D: Device, C: Fn() -> u64 + Send> Device for Timed<D, C> {
 
     fn close(&mut self) {
         self.device.close();
+    }
+
+    fn notes(&self) -> &[String] {
+        self.device.notes()
+    }
+
+    fn emergency_stop(&self) -> Option<Arc<dyn EmergencyStop>> {
+        self.device.emergency_stop()
     }
 
     fn explain(&self, fault: Fault) -> String {

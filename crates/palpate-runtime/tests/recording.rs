@@ -200,6 +200,32 @@ fn a_recording_of_version_1_that_is_there_is_read() {
     assert!(records.iter().all(|r| r.squares_rad2 == 0.0 && r.sample().angular_velocity_rad_per_s.is_none()));
 }
 
+/// The numbers in a recording are those of its page: who reads it in another language has nothing else.
+#[test]
+fn the_faults_in_a_recording_are_what_its_page_says() {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/recording.md");
+    let page = std::fs::read_to_string(page).unwrap();
+    let (_, table) = page.split_once("| `fault` | `Fault` | |").unwrap();
+    let rows = table.lines().skip(2).take_while(|line| line.starts_with('|'));
+    let cells = |row: &str| row.split('|').map(|cell| cell.trim().trim_matches('`').to_owned()).collect();
+    let rows: Vec<Vec<String>> = rows.map(cells).collect();
+    for (code, row) in rows.iter().enumerate() {
+        let record = Record { fault: code as u32, fault_code: -7, ..Record::zeroed() };
+        let name = record.fault().map(|fault| format!("{fault:?}").replace("(-7)", ""));
+        assert_eq!((&row[1], &row[2]), (&code.to_string(), &name.unwrap_or_default()), "{row:?}");
+    }
+    assert_eq!(rows.len(), 7);
+    assert_eq!(Record { fault: 7, ..Record::zeroed() }.fault(), None);
+    // The header of every recording says the same.
+    let about = Record::fields().into_iter().find(|field| field.name == "fault").unwrap().about;
+    for (code, words) in
+        [(1, "not open"), (2, "gone"), (3, "in time"), (4, "understood"), (5, "vendor"), (6, "ended")]
+    {
+        let (_, said) = about.split_once(&format!(" {code} ")).unwrap();
+        assert!(said.split(',').next().unwrap().contains(words), "{about}");
+    }
+}
+
 /// Somewhere to write that other threads can look into, and that has room for so many bytes.
 #[derive(Clone)]
 struct Disk(Arc<Mutex<Vec<u8>>>, usize);

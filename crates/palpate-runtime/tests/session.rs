@@ -46,6 +46,7 @@ struct Rigged {
     now_s: f64,
     last: Sample,
     log: Arc<Mutex<Log>>,
+    notes: Vec<String>,
 }
 
 #[derive(Debug, Default)]
@@ -114,6 +115,9 @@ impl Device for Rigged {
         self.log.lock().unwrap().closed = true;
         self.device.close();
     }
+    fn notes(&self) -> &[String] {
+        &self.notes
+    }
 }
 
 const HURT: f64 = 0.25;
@@ -129,7 +133,18 @@ fn rigged(mishap: Mishap, place: DVec3) -> (Rigged, Arc<Mutex<Log>>) {
     let (hand, _) = presets::hand("fingers").unwrap();
     let device = Simulated::new(presets::device("touch").unwrap(), hand, Box::new(script));
     let log = Arc::new(Mutex::new(Log::default()));
-    (Rigged { device, mishap, at_s: HURT, now_s: 0.0, last: Sample::default(), log: log.clone() }, log)
+    (
+        Rigged {
+            device,
+            mishap,
+            at_s: HURT,
+            now_s: 0.0,
+            last: Sample::default(),
+            log: log.clone(),
+            notes: Vec::new(),
+        },
+        log,
+    )
 }
 
 /// As on any machine: no rights are asked for, and load beside is forgiven.
@@ -413,6 +428,31 @@ fn a_body_that_is_cut_or_changed_in_its_file_ends_the_loop() {
         assert_eq!(report.end.is_well(), words.is_none());
         assert_eq!(checked(&log).last().unwrap().1, DVec3::ZERO);
     }
+}
+
+/// What the device and the system refuse is known while nothing has been commanded; who does not like it lets go, and the
+/// device is closed.
+#[test]
+fn what_could_not_be_had_is_known_before_the_first_force() {
+    let body = Arc::new(plane(600.0, 500.0, 0.2));
+    let (mut device, log) = rigged(Mishap::None, DVec3::ZERO);
+    device.notes = vec!["it refuses a watchdog".into()];
+    let haptics = haptics(&body, device.capabilities());
+    let (recorder, _records) = ring(4000);
+    let opened = Opened::new(Box::new(device)).unwrap();
+    // A priority that is refused wherever this program may not have it, and a core.
+    let real_time = RealTime { priority: Some(98), own_core: true, spin_s: 0.0 };
+    let settings = Settings { real_time, ..settings(0.1) };
+    let prepared = Session::prepare(body, opened, haptics, recorder, settings).unwrap();
+    let allowed = std::process::Command::new("chrt").args(["-f", "98", "true"]).status();
+    let allowed = allowed.is_ok_and(|status| status.success());
+    let told = |words: &str| prepared.notes().iter().any(|note| note.contains(words));
+    assert!(told("it refuses a watchdog"), "{:?}", prepared.notes());
+    assert!(allowed || told("real-time scheduling was refused"), "{:?}", prepared.notes());
+    assert!(log.lock().unwrap().commands.is_empty());
+    drop(prepared);
+    let log = log.lock().unwrap();
+    assert!(log.closed && log.commands.iter().all(|(_, force)| *force == DVec3::ZERO));
 }
 
 #[test]

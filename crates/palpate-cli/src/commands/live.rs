@@ -68,6 +68,10 @@ pub struct LiveArgs {
     /// this program hangs or is killed: the device then renders its last force until it is switched off
     #[arg(long)]
     without_device_watchdog: bool,
+    /// End with an error, before the first force, where anything could not be had: the device's watchdog or calibration, memory
+    /// that stays, the priority, the core
+    #[arg(long)]
+    strict: bool,
     /// Elements of the patch that the haptic thread works on
     #[arg(long, value_name = "N", default_value_t = palpate_runtime::PATCH_ELEMENTS)]
     patch_elements: usize,
@@ -192,6 +196,7 @@ fn plan(args: &Args) -> Result<LivePlan> {
         coupling_n_per_m: args.coupling_n_per_m,
         place,
         record: args.record.clone(),
+        strict: live.strict,
         json: args.json,
     })
 }
