@@ -75,7 +75,8 @@ fn the_specs_examples_are_the_files() {
 
 #[test]
 fn links_lead_somewhere() {
-    let documents = fs::read_dir(root().join("docs")).unwrap().map(|e| e.unwrap().path());
+    let folders = ["docs", "docs/devices"].map(|folder| fs::read_dir(root().join(folder)).unwrap());
+    let documents = folders.into_iter().flatten().map(|e| e.unwrap().path());
     let documents = documents.filter(|p| p.extension().is_some_and(|e| e == "md"));
     let top = ["README.md", "ARCHITECTURE.md", "CHANGELOG.md", "CONTRIBUTING.md"].map(|n| root().join(n));
     for document in documents.chain(top) {

@@ -133,4 +133,21 @@ pub struct Mechanics {
     pub lag_s: Figure,
     /// How fast the force can change, N/s; infinite where nothing limits it.
     pub slew_n_per_s: Figure,
+    /// The same for turning the handle; `None` where it is not known, and a simulated handle does not turn.
+    pub wrist: Option<Wrist>,
+}
+
+/// The mechanics of turning the handle, alike about all axes. Delay and lag are those of [`Mechanics`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wrist {
+    /// Rotational inertia, kg·m².
+    pub inertia_kg_m2: Figure,
+    /// Viscous damping, N·m·s/rad.
+    pub damping_nm_s_per_rad: Figure,
+    /// Coulomb friction, N·m.
+    pub coulomb_nm: Figure,
+    /// Smallest step of the angle that it reports, rad.
+    pub resolution_rad: Figure,
+    /// How fast the torque can change, N·m/s; infinite where nothing limits it.
+    pub slew_nm_per_s: Figure,
 }

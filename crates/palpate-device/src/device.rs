@@ -124,6 +124,8 @@ pub struct Sample {
     pub pose: Pose,
     /// Velocity of the handle as the device reports it, m/s, if it does.
     pub velocity_m_per_s: Option<[f64; 3]>,
+    /// Its angular velocity as the device reports it, rad/s, about the axes of the device's frame, if it does.
+    pub angular_velocity_rad_per_s: Option<[f64; 3]>,
     /// Bit i is button i, 1 while pressed.
     pub buttons: u32,
     /// How the device is.

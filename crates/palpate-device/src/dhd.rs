@@ -385,6 +385,7 @@ impl Port {
             sequence: self.sequence,
             pose: Pose { position_m: Axes::X_TOWARDS.ours(self.position), orientation },
             velocity_m_per_s: calls.read_velocity(*id).map(|v| Axes::X_TOWARDS.ours(v)),
+            angular_velocity_rad_per_s: None,
             buttons: calls.buttons(*id),
             status: self.status,
         })

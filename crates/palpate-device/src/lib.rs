@@ -58,7 +58,7 @@ pub mod presets;
 mod replay;
 pub mod simulated;
 
-pub use capabilities::{Basis, Capabilities, Figure, Freedom, Mechanics, Pace, Rates, Workspace};
+pub use capabilities::{Basis, Capabilities, Figure, Freedom, Mechanics, Pace, Rates, Workspace, Wrist};
 pub use device::{Command, Device, EmergencyStop, Pose, Sample, Status};
 #[cfg(feature = "vendors")]
 pub use dhd::{Dhd, DhdOptions};

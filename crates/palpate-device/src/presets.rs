@@ -4,7 +4,7 @@
 //! good for seeing what a loop does, not for promising what a device will do. A user who knows better gives better ones.
 
 use crate::simulated::Hand;
-use crate::{Basis, Capabilities, Figure, Freedom, Mechanics, Pace, Rates, Workspace};
+use crate::{Basis, Capabilities, Figure, Freedom, Mechanics, Pace, Rates, Workspace, Wrist};
 
 /// The devices of [`device`].
 pub const DEVICES: [&str; 9] =
@@ -123,6 +123,14 @@ fn row(row: Row) -> Capabilities {
             ),
             lag_s: Figure::guessed(0.2e-3, "current loops of some kHz; not published"),
             slew_n_per_s: Figure::guessed(f64::INFINITY, "no limit is published"),
+            wrist: (driven > 0).then(|| Wrist {
+                // A handle of 0.1 kg with its masses 3 cm from the middle.
+                inertia_kg_m2: Figure::guessed(1e-4, DRIVES),
+                damping_nm_s_per_rad: Figure::guessed(5e-4, DRIVES),
+                coulomb_nm: Figure::guessed(2e-3, DRIVES),
+                resolution_rad: Figure::guessed(2e-4, DRIVES),
+                slew_nm_per_s: Figure::guessed(f64::INFINITY, "no limit is published"),
+            }),
         },
     }
 }
@@ -150,6 +158,7 @@ fn bench() -> Capabilities {
             delay_s: zero(),
             lag_s: zero(),
             slew_n_per_s: Figure::chosen(f64::INFINITY),
+            wrist: None,
         },
     }
 }
@@ -160,6 +169,7 @@ pub fn hand(name: &str) -> Option<(Hand, Basis)> {
         mass_kg,
         damping_n_s_per_m,
         stiffness_n_per_m,
+        ..Hand::default()
     };
     Some(match name {
         "none" => (Hand::default(), Basis::Chosen),

@@ -1,8 +1,9 @@
 //! One period of the loop.
 
-use crate::ground::{Ground, ready};
+use crate::ground::Ground;
 use crate::guard::Verdict;
 use crate::map::Mapping;
+use crate::wrench::{Placement, Wrench};
 use crate::{Coupling, Limit, StageCounts, StageFlags, Stages, WorkspaceMap};
 use glam::DVec3;
 use palpate_device::{Command, Device, Fault, Sample};
@@ -51,23 +52,28 @@ pub struct Period {
     pub fault: Option<Fault>,
 }
 
-/// The engine's port to the loop: its force is held from one pose to the next.
+/// The engine's port to the loop: its wrench is held from one pose to the next.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Port {
-    /// E_out = Σ F_k · (x_(k+1) − x_k), F on the tool, J: what was given out.
+    /// E_out = Σ F_k · (x_(k+1) − x_k) + τ_k · θ_k, on the tool, with θ the rotation vector from one orientation to the next,
+    /// J: what was given out.
     pub out_j: f64,
     /// Σ |x_(k+1) − x_k|², m²: half of K_max times this is what sampling alone can let out (MODEL 9 j).
     pub squares_m2: f64,
-    last: Option<(DVec3, DVec3)>,
+    /// Σ |θ_k|², rad²: the same for turning.
+    pub squares_rad2: f64,
+    last: Option<(Placement, Wrench)>,
 }
 
 impl Port {
-    fn pass(&mut self, x: DVec3, force: DVec3) {
+    fn pass(&mut self, tool: Placement, wrench: Wrench) {
         if let Some((before, held)) = self.last {
-            self.out_j += held.dot(x - before);
-            self.squares_m2 += x.distance_squared(before);
+            let way = before.way_to(&tool);
+            self.out_j += held.work(&way);
+            self.squares_m2 += way.translation.length_squared();
+            self.squares_rad2 += way.rotation.length_squared();
         }
-        self.last = Some((x, force));
+        self.last = Some((tool, wrench));
     }
 }
 
@@ -182,7 +188,8 @@ impl HapticLoop {
         let mut flags = self.late(now_s);
         let unread = self.read(device, now_s, &mut flags).err();
         let output = self.render(ground, now_s, &mut flags);
-        let command = self.command(now_s, &output, &mut flags);
+        let drives_rotations = device.capabilities().driven.rotations > 0;
+        let command = self.command(now_s, &output, drives_rotations, &mut flags);
         let unwritten = self.write(device, now_s, &command, &mut flags).err();
         self.counts.add(flags);
         let (sample, pose) = self.last;
@@ -198,9 +205,7 @@ impl HapticLoop {
         let [last, before] = [self.last.1, self.before].map(|pose| DVec3::from_array(pose.position_m));
         let pose = ToolState { position_m: (last * 2.0 - before).to_array(), ..self.last.1 };
         let mut copy = self.contact.clone();
-        if ready(ground, &mut copy, &pose) {
-            std::hint::black_box(copy.step(ground.model(), &pose, 0.0));
-        }
+        std::hint::black_box(ground.step(&mut copy, &pose, 0.0));
     }
 
     /// A period without reading or stepping: the next command on the way to zero. For a loop that ends, perhaps because
@@ -221,7 +226,8 @@ impl HapticLoop {
         self.stop();
         let mut flags = self.late(now_s);
         let output = Output { energy: *self.contact.energy(), ..Output::default() };
-        let command = self.command(now_s, &output, &mut flags);
+        let drives_rotations = device.capabilities().driven.rotations > 0;
+        let command = self.command(now_s, &output, drives_rotations, &mut flags);
         let fault = self.write(device, now_s, &command, &mut flags).err();
         self.counts.add(flags);
         let (sample, pose) = self.last;
@@ -257,22 +263,29 @@ impl HapticLoop {
         let mut pose = self.mapping.pose(&self.last.0);
         flags.set(StageFlags::CLUTCHED, self.mapping.is_held());
         if let Some(coupling) = &mut self.stages.coupling {
-            pose.position_m = coupling.tool(DVec3::from_array(pose.position_m)).to_array();
+            pose = coupling.tool(pose.into()).into();
         }
         self.before = std::mem::replace(&mut self.last.1, pose);
-        if !ready(ground, &mut self.contact, &pose) {
+        let dt = now - self.stepped_s.unwrap_or(now);
+        let Some(output) = ground.step(&mut self.contact, &pose, dt) else {
             flags.unset(StageFlags::STEPPED);
             flags.set(StageFlags::WAITED, true);
             return Output { energy: *self.contact.energy(), ..Output::default() };
-        }
-        let dt = now - self.stepped_s.replace(now).unwrap_or(now);
-        let output = self.contact.step(ground.model(), &pose, dt);
-        self.port.pass(DVec3::from_array(pose.position_m), DVec3::from_array(output.force_n));
+        };
+        self.stepped_s = Some(now);
+        self.port.pass(pose.into(), acting(&output));
         output
     }
 
-    /// The coupling's force in the place of the body's, into the device's frame, and through the stages.
-    fn command(&mut self, now: f64, output: &Output, flags: &mut StageFlags) -> Command {
+    /// The coupling's wrench in the place of the body's, from the tool's tip to the handle, into the device's frame, and through
+    /// the stages. `drives_rotations` is of the device.
+    fn command(
+        &mut self,
+        now: f64,
+        output: &Output,
+        drives_rotations: bool,
+        flags: &mut StageFlags,
+    ) -> Command {
         flags.set(StageFlags::STOPPED, self.stopped);
         // A free tool that waits for its patch feels nothing anyway, and no force has to ramp up afterwards.
         let heard = flags.has(StageFlags::STEPPED) || flags.has(StageFlags::WAITED);
@@ -286,12 +299,15 @@ impl HapticLoop {
             || !heard
             || flags.has(StageFlags::CLUTCHED)
             || self.stopped;
-        let [force, torque] = [output.force_n, output.torque_nm].map(DVec3::from_array);
-        let force = match &mut self.stages.coupling {
-            Some(coupling) if flags.has(StageFlags::STEPPED) => coupling.force(force),
-            _ => force,
-        };
-        let wanted = [force, torque].map(|v| self.mapping.map.device_from_body(v));
+        let mut at_tip = acting(output);
+        if let Some(coupling) = self.stages.coupling.as_mut().filter(|_| flags.has(StageFlags::STEPPED)) {
+            at_tip = coupling.wrench(at_tip);
+        }
+        let mut wanted = self.mapping.map.at_handle(&self.last.0.pose, at_tip);
+        if !drives_rotations {
+            flags.set(StageFlags::TORQUE_DROPPED, wanted.torque != DVec3::ZERO);
+            wanted.torque = DVec3::ZERO;
+        }
         self.stages.command(now, &self.last.0, wanted, silence, flags)
     }
 
@@ -310,4 +326,9 @@ impl HapticLoop {
         }
         written
     }
+}
+
+/// What the engine has acting on the tool.
+fn acting(output: &Output) -> Wrench {
+    Wrench { force: DVec3::from_array(output.force_n), torque: DVec3::from_array(output.torque_nm) }
 }

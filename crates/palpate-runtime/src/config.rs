@@ -59,7 +59,7 @@ pub struct SessionConfig {
     /// Limits and output stages.
     pub safety: Safety,
     /// Where the device works in the body's frame.
-    pub workspace: Placement,
+    pub workspace: WorkspaceSettings,
     /// When the watchdogs trip.
     pub patience: Patience,
     /// What the haptic thread asks of the system.
@@ -84,7 +84,7 @@ pub enum ClockChoice {
 /// What of the map from the device's workspace to the body's frame is given.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Placement {
+pub struct WorkspaceSettings {
     /// Body's way per device's way; 1 if not given.
     pub scale: Option<f64>,
     /// Where the device's origin is in the body's frame, m; without it, the tool begins above the body's top.
@@ -148,7 +148,7 @@ impl Default for SessionConfig {
             record: None,
             strict: false,
             safety: Safety::default(),
-            workspace: Placement::default(),
+            workspace: WorkspaceSettings::default(),
             patience: Patience::default(),
             real_time: RealTime::default(),
             drivers: Drivers::default(),

@@ -1,24 +1,39 @@
-//! Viscous damping, −b v, of the device: takes energy out of the hand's motion, in contact and free.
+//! Viscous damping, −b v and −b_θ ω, of the device: takes energy out of the hand's motion, in contact and free.
 
+use crate::wrench::{Placement, Wrench};
 use glam::DVec3;
-use palpate_device::Capabilities;
+use palpate_device::{Capabilities, Sample};
 
 /// Of the estimated velocity, s: an encoder's steps would otherwise be felt as a buzz. About 50 Hz.
 const SMOOTHING: f64 = 3e-3;
 
-/// −b v, with the velocity that the device reports, or else one estimated from its poses and smoothed.
+/// −b v and −b_θ ω, with the velocities that the device reports, or else estimated from its poses and smoothed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Damping {
     coefficient: f64,
-    last: Option<(f64, DVec3)>,
+    angular_coefficient: f64,
+    last: Option<(f64, Placement)>,
     velocity: DVec3,
+    angular_velocity: DVec3,
 }
 
 impl Damping {
     /// Of this coefficient, N·s/m. A damping beyond half of mass/delay overturns the motion that it should calm:
     /// [`Safety::stages`](crate::Safety::stages) refuses it.
     pub fn new(coefficient_n_s_per_m: f64) -> Self {
-        Damping { coefficient: coefficient_n_s_per_m, last: None, velocity: DVec3::ZERO }
+        Damping {
+            coefficient: coefficient_n_s_per_m,
+            angular_coefficient: 0.0,
+            last: None,
+            velocity: DVec3::ZERO,
+            angular_velocity: DVec3::ZERO,
+        }
+    }
+
+    /// And of this one against turning, N·m·s/rad; half of inertia/delay is the most here.
+    #[must_use]
+    pub fn with_angular(self, coefficient_nm_s_per_rad: f64) -> Self {
+        Damping { angular_coefficient: coefficient_nm_s_per_rad, ..self }
     }
 
     /// From a motion to the force that damps it, s: a period, the device's delay and lag, and the age of the velocity, which is
@@ -29,43 +44,74 @@ impl Damping {
         period_s + m.delay_s.value + m.lag_s.value + velocity
     }
 
-    /// The force at `position` (m), `now` (s), where the device reports the velocity `reported` (m/s) or none.
-    pub(crate) fn force(&mut self, now: f64, position: DVec3, reported: Option<[f64; 3]>) -> DVec3 {
-        let passed = self.last.map(|(then, from)| (now - then, position - from));
+    /// The same for turning: no device tells how old its angular velocity is, so neither is younger.
+    pub(crate) fn angular_delay_s(device: &Capabilities, period_s: f64) -> f64 {
+        let m = &device.mechanics;
+        let velocity = device.velocity_delay_s.as_ref().map_or(SMOOTHING, |delay| delay.value.max(SMOOTHING));
+        period_s + m.delay_s.value + m.lag_s.value + velocity
+    }
+
+    /// What damps a handle that is at `placement`, `now` (s), with the velocities that `sample` reports or none.
+    pub(crate) fn wrench(&mut self, now: f64, placement: Placement, sample: &Sample) -> Wrench {
+        let passed = self.last.map(|(then, from)| (now - then, from.way_to(&placement)));
         if let Some((time, way)) = passed.filter(|(time, _)| *time > 0.0) {
             // First order: v' = (Δx/Δt − v)/τ, one implicit step.
-            self.velocity += (way - self.velocity * time) / (SMOOTHING + time);
+            self.velocity += (way.translation - self.velocity * time) / (SMOOTHING + time);
+            self.angular_velocity += (way.rotation - self.angular_velocity * time) / (SMOOTHING + time);
         }
-        self.last = Some((now, position));
-        let velocity = reported.map_or(self.velocity, DVec3::from_array);
-        -self.coefficient * velocity
+        self.last = Some((now, placement));
+        let velocity = sample.velocity_m_per_s.map_or(self.velocity, DVec3::from_array);
+        let angular = sample.angular_velocity_rad_per_s.map_or(self.angular_velocity, DVec3::from_array);
+        // Zero times a velocity that is NaN or infinite is not zero.
+        let against = |b: f64, v: DVec3| if b == 0.0 { DVec3::ZERO } else { -b * v };
+        Wrench {
+            force: against(self.coefficient, velocity),
+            torque: against(self.angular_coefficient, angular),
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::wrench::turned;
+
+    fn at(position: DVec3) -> Placement {
+        Placement { position, ..Placement::default() }
+    }
 
     #[test]
     fn it_opposes_the_motion() {
-        let mut damping = Damping::new(2.0);
-        let mut force = DVec3::ZERO;
+        let mut damping = Damping::new(2.0).with_angular(0.1);
+        let mut wrench = Wrench::default();
         for k in 0..50 {
             let t = f64::from(k) * 1e-3;
-            force = damping.force(t, DVec3::X * 0.1 * t, None);
+            let placement = Placement {
+                orientation: turned([1.0, 0.0, 0.0, 0.0], DVec3::Y * 3.0 * t),
+                ..at(DVec3::X * 0.1 * t)
+            };
+            wrench = damping.wrench(t, placement, &Sample::default());
         }
-        assert!((force - DVec3::new(-0.2, 0.0, 0.0)).length() < 1e-6, "{force}");
-        assert_eq!(damping.force(0.05, DVec3::ZERO, Some([0.0, 0.5, 0.0])), DVec3::new(0.0, -1.0, 0.0));
+        assert!((wrench.force - DVec3::new(-0.2, 0.0, 0.0)).length() < 1e-6, "{wrench:?}");
+        assert!((wrench.torque - DVec3::new(0.0, -0.3, 0.0)).length() < 1e-6, "{wrench:?}");
+        let told = Sample {
+            velocity_m_per_s: Some([0.0, 0.5, 0.0]),
+            angular_velocity_rad_per_s: Some([2.0, 0.0, 0.0]),
+            ..Sample::default()
+        };
+        let told = damping.wrench(0.05, at(DVec3::ZERO), &told);
+        assert_eq!(told, Wrench { force: DVec3::new(0.0, -1.0, 0.0), torque: DVec3::new(-0.2, 0.0, 0.0) });
     }
 
     /// A step of an encoder, 0.05 mm, is a pulse of a quarter of what the bare difference would give.
     #[test]
     fn an_encoders_step_is_smoothed() {
         let mut damping = Damping::new(1.0);
-        damping.force(0.0, DVec3::ZERO, None);
-        let pulse = damping.force(1e-3, DVec3::X * 5e-5, None);
+        let mut force = |t, x| damping.wrench(t, at(DVec3::X * x), &Sample::default()).force;
+        force(0.0, 0.0);
+        let pulse = force(1e-3, 5e-5);
         assert!((pulse.x + 0.25 * 0.05).abs() < 1e-12, "{pulse}");
         // Asked twice at the same time it stays what it is.
-        assert_eq!(damping.force(1e-3, DVec3::X * 5e-5, None), pulse);
+        assert_eq!(force(1e-3, 5e-5), pulse);
     }
 }

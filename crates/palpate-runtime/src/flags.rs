@@ -38,11 +38,13 @@ impl StageFlags {
     /// The device's pose has been the same one for too long, by its own counter.
     pub const STALE: Self = Self(1 << 15);
 
+    /// A torque was wanted of a device that drives no rotation: it was left out.
+    pub const TORQUE_DROPPED: Self = Self(1 << 16);
     /// A setting was changed, or is to be once there is no force.
-    pub const CHANGING: Self = Self(1 << 16);
+    pub const CHANGING: Self = Self(1 << 17);
 
     /// All of them, in the order of their bits, with their names.
-    pub const NAMED: [(&'static str, Self); 17] = [
+    pub const NAMED: [(&'static str, Self); 18] = [
         ("stepped", Self::STEPPED),
         ("unread", Self::UNREAD),
         ("refused", Self::REFUSED),
@@ -59,6 +61,7 @@ impl StageFlags {
         ("idle", Self::IDLE),
         ("late", Self::LATE),
         ("stale", Self::STALE),
+        ("torque_dropped", Self::TORQUE_DROPPED),
         ("changing", Self::CHANGING),
     ];
 

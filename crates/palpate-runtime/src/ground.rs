@@ -1,7 +1,7 @@
 //! What a loop steps on.
 
 use palpate_body::{Body, ContactModel, Patch};
-use palpate_engine::{Contact, ToolState};
+use palpate_engine::{Contact, Output, ToolState};
 
 /// A whole body, or the part of it that is at hand.
 pub trait Ground {
@@ -10,6 +10,18 @@ pub trait Ground {
 
     /// Whether a tool of `radius_m` at `position_m` can touch nothing of the body but what is at hand.
     fn knows(&self, position_m: [f64; 3], radius_m: f64) -> bool;
+
+    /// What acts on the tool at `pose`, `dt_s` after the last: the engine's step, or `None` where the tool must wait for the
+    /// ground. Whatever else renders a wrench from a pose puts its own in this place.
+    ///
+    /// # Real-time
+    /// A step of the engine; another must be as bounded and allocate as little.
+    fn step(&self, contact: &mut Contact, pose: &ToolState, dt_s: f64) -> Option<Output>
+    where
+        Self: Sized,
+    {
+        ready(self, contact, pose).then(|| contact.step(self.model(), pose, dt_s))
+    }
 }
 
 impl Ground for Body {

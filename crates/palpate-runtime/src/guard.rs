@@ -1,24 +1,28 @@
 //! Which poses are accepted.
 
-use glam::DVec3;
+use crate::wrench::{Placement, quaternion, rotation_between};
 use palpate_device::Sample;
 
 /// No handle is farther from its device's origin, m: what the very first pose is held to.
 const REACH: f64 = 10.0;
 
-/// Refuses poses that hold NaN or infinity, those that lie farther from the last one that was accepted than the handle could
-/// have come since, and one that has not changed for too long by the device's own counter. Distances and times are from pose
+/// How far from 1 the length of an orientation's quaternion may be: as far as the engine takes it.
+const NEARLY_UNIT: f64 = 1e-3;
+
+/// Refuses poses that hold NaN or infinity or an orientation that is none, those that lie farther from the last one that was
+/// accepted, or are turned further, than the handle could have come since, and one that has not changed for too long by the device's own counter. Distances and times are from pose
 /// to new pose: a pose that is repeated takes no time. A jump that stays is accepted once it could have been a motion: 10 cm
 /// at 10 m/s after 10 ms.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseGuard {
     speed_max: f64,
+    turn_max: f64,
     reach: f64,
     stale: f64,
     /// The newest pose's number, and when it came, s.
     newest: Option<(u64, f64)>,
     /// The last pose that was accepted, and when it was new, s.
-    last: Option<(f64, DVec3)>,
+    last: Option<(f64, Placement)>,
 }
 
 /// What becomes of a pose.
@@ -31,10 +35,10 @@ pub(crate) enum Verdict {
 }
 
 impl Default for PoseGuard {
-    /// Refuses only a NaN or infinite value.
+    /// Refuses only a NaN or infinite value, and an orientation that is none.
     fn default() -> Self {
-        let [speed_max, reach, stale] = [f64::INFINITY; 3];
-        PoseGuard { speed_max, reach, stale, newest: None, last: None }
+        let [speed_max, turn_max, reach, stale] = [f64::INFINITY; 4];
+        PoseGuard { speed_max, turn_max, reach, stale, newest: None, last: None }
     }
 }
 
@@ -43,6 +47,12 @@ impl PoseGuard {
     /// a new pose at least every `stale_s`.
     pub fn new(speed_max_m_per_s: f64, stale_s: f64) -> Self {
         PoseGuard { speed_max: speed_max_m_per_s, reach: REACH, stale: stale_s, ..PoseGuard::default() }
+    }
+
+    /// For one that is besides never turned faster than this, rad/s.
+    #[must_use]
+    pub fn with_turn_max(self, turn_max_rad_per_s: f64) -> Self {
+        PoseGuard { turn_max: turn_max_rad_per_s, ..self }
     }
 
     /// Whether the pose of `sample`, read at `now_s`, is accepted.
@@ -55,24 +65,25 @@ impl PoseGuard {
         if now_s - came > self.stale {
             return Verdict::Stale;
         }
-        let position = DVec3::from_array(sample.pose.position_m);
-        let finite = position.is_finite() && sample.pose.orientation.iter().all(|q| q.is_finite());
-        let near = match self.last {
-            Some((then, from)) if self.speed_max < f64::INFINITY => {
-                position.distance(from) <= self.speed_max * (came - then)
-            }
-            _ => true,
-        };
-        if !(finite && near && position.abs().max_element() <= self.reach) {
+        let placement = Placement::from(sample.pose);
+        let Placement { position, orientation } = placement;
+        // False of a NaN too.
+        let rotates = (quaternion(orientation).length() - 1.0).abs() <= NEARLY_UNIT;
+        let near = self.last.is_none_or(|(then, from)| {
+            let within = |most: f64, way: f64| most == f64::INFINITY || way <= most * (came - then);
+            within(self.speed_max, position.distance(from.position))
+                && within(self.turn_max, rotation_between(from.orientation, orientation).length())
+        });
+        if !(position.is_finite() && rotates && near && position.abs().max_element() <= self.reach) {
             return Verdict::Refused;
         }
-        self.last = Some((came, position));
+        self.last = Some((came, placement));
         Verdict::Accepted
     }
 
-    /// The last pose's position that was accepted, m in the device's frame.
-    pub(crate) fn position(&self) -> Option<DVec3> {
-        self.last.map(|(_, position)| position)
+    /// The last pose that was accepted, in the device's frame.
+    pub(crate) fn placement(&self) -> Option<Placement> {
+        self.last.map(|(_, placement)| placement)
     }
 }
 
@@ -95,7 +106,7 @@ mod tests {
     fn jumps_and_what_is_no_number_are_refused() {
         let mut guard = PoseGuard::new(10.0, 1.0);
         for (k, wrong) in [f64::NAN, -f64::MAX, 11.0].into_iter().enumerate() {
-            assert!(!accepts(&mut guard, at(k as u64, wrong), 0.0) && guard.position().is_none());
+            assert!(!accepts(&mut guard, at(k as u64, wrong), 0.0) && guard.placement().is_none());
         }
         assert!(accepts(&mut guard, at(3, 5.0), 1e-3));
         assert!(accepts(&mut guard, at(4, 5.0099), 2e-3) && !accepts(&mut guard, at(5, 5.03), 3e-3));
@@ -115,6 +126,29 @@ mod tests {
         assert!(accepts(&mut guard, at(0, 0.0), 0.0));
         let refused = (1..100).take_while(|&k| !accepts(&mut guard, at(k, 0.0995), k as f64 * 1e-3)).count();
         assert_eq!(refused, 9);
+    }
+
+    /// Half a turn in a millisecond is no motion, nor is a quaternion of no length an orientation; -q is the same as q.
+    #[test]
+    fn a_turn_that_no_wrist_makes_is_refused() {
+        let mut guard = PoseGuard::new(10.0, 1.0).with_turn_max(100.0);
+        let turned = |number: u64, angle: f64| {
+            let (sin, cos) = libm::sincos(0.5 * angle);
+            Sample { pose: Pose { orientation: [cos, 0.0, sin, 0.0], ..Pose::default() }, ..at(number, 0.0) }
+        };
+        assert!(accepts(&mut guard, turned(0, 0.0), 0.0) && accepts(&mut guard, turned(1, 0.099), 1e-3));
+        assert!(!accepts(&mut guard, turned(2, 0.25), 2e-3));
+        let mut same = turned(3, 0.099);
+        same.pose.orientation = same.pose.orientation.map(|c| -c);
+        assert!(accepts(&mut guard, same, 3e-3));
+        // A turn that stays is a motion once it could have been one.
+        let refused =
+            (4..100).take_while(|&k| !accepts(&mut guard, turned(k, 1.099), k as f64 * 1e-3)).count();
+        assert_eq!(refused, 9);
+        for orientation in [[0.0; 4], [1.1, 0.0, 0.0, 0.0]] {
+            let pose = Pose { orientation, ..Pose::default() };
+            assert!(!accepts(&mut PoseGuard::default(), Sample { pose, ..at(0, 0.0) }, 0.0));
+        }
     }
 
     /// A hand at 1 m/s, and a device that has a new pose every 8 ms, asked every millisecond: its 8 mm are no jump.

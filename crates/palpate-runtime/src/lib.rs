@@ -78,9 +78,10 @@ pub mod trace;
 mod virtual_session;
 mod wall_clock;
 mod watch;
+mod wrench;
 
 pub use closed_loop::{HapticLoop, Period, Port};
-pub use config::{ClockChoice, History, Placement, SessionConfig};
+pub use config::{ClockChoice, History, WorkspaceSettings, SessionConfig};
 pub use controls::{ControlError, Controls};
 pub use coupling::Coupling;
 pub use cycle::Cycle;
@@ -105,7 +106,7 @@ pub use record::{
     BodyFile, CreateError, Ending, Field, Finished, Header, Map, OpenRecordingError, RECORDING_MAGIC, Record,
     Recorder, RecorderThread, Recording, RecordingFile, Records, Retrace, ring,
 };
-pub use safety::{GENTLE_N, Safety, SafetyError};
+pub use safety::{GENTLE_N, GENTLE_NM, Safety, SafetyError};
 pub use session::{Prepared, Report, Session, Settings, StartError, Stopper};
 pub use soft_start::SoftStart;
 pub use stages::Stages;

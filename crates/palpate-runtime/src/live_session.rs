@@ -1,6 +1,6 @@
 //! A session that a program owns: a body, a device, a configuration; read and steered while it runs.
 
-use crate::config::{ClockChoice, Placement, SessionConfig};
+use crate::config::{ClockChoice, WorkspaceSettings, SessionConfig};
 use crate::controls::{BodyChange, Change, ControlError, Controls, controls};
 use crate::device_choice::DeviceChoice;
 use crate::motion::{MotionScript, top};
@@ -341,7 +341,7 @@ fn first_place(device: &mut dyn Device) -> anyhow::Result<DVec3> {
     Ok(DVec3::from_array(sample.pose.position_m))
 }
 
-impl Placement {
+impl WorkspaceSettings {
     /// The given parts over `map`.
     fn over(&self, mut map: WorkspaceMap) -> WorkspaceMap {
         if let Some([w, x, y, z]) = self.rotation {

@@ -253,7 +253,7 @@ impl MotionScript {
             moves: raw.moves.iter().map(|m| m.get_ref().si()).collect(),
             hand: raw.hand.map(|h| {
                 let RawHand { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = h.into_inner();
-                Hand { mass_kg, damping_n_s_per_m, stiffness_n_per_m }
+                Hand { mass_kg, damping_n_s_per_m, stiffness_n_per_m, ..Hand::default() }
             }),
             device: raw.device.map(Spanned::into_inner).unwrap_or_default(),
             start_place,

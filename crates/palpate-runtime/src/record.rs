@@ -123,7 +123,7 @@ record! {
     device_velocity_m_per_s: [f64; 3],
     /// Bit i is button i.
     device_buttons: u32,
-    /// 1 idle, 2 saturated, 4 warm, 8 a velocity is reported.
+    /// 1 idle, 2 saturated, 4 warm, 8 a velocity is reported, 16 an angular velocity is.
     device_status: u32,
     /// The pose that the engine was given, in this period if bit 0 of `stage_flags` says so.
     tool_position_m: [f64; 3],
@@ -177,11 +177,15 @@ record! {
     minor_faults: u32,
     /// Page faults of the haptic thread so far, with the disk.
     major_faults: u32,
-    /// What multiplied the body's friction coefficients, if `slip_rule_code` is not 0.
+    /// The handle's angular velocity, if bit 4 of `device_status` says that the device reports one. From version 2 on.
+    device_angular_velocity_rad_per_s: [f64; 3],
+    /// Sum of the squares of the tool's rotation vectors so far. From version 2 on.
+    squares_rad2: f64,
+    /// What multiplied the body's friction coefficients. From version 2 on, where `slip_rule_code` is not 0.
     friction_scale: f64,
     /// For later; 0.
-    spare: [u64; 7],
-    /// The slip rule: 1 paper, 2 consistent, 3 exact; 0 for the header's, in recordings that knew of no change.
+    spare: [u64; 3],
+    /// The slip rule: 1 paper, 2 consistent, 3 exact; 0 for the header's. From version 2 on.
     slip_rule_code: u32,
     /// CRC-32 (IEEE 802.3) of all bytes before; filled in when it is written.
     crc: u32,
@@ -210,7 +214,7 @@ impl Record {
         let contact = output.contact;
         let (fault, fault_code) = fault_to(*fault);
         let status = sample.status;
-        let reported = sample.velocity_m_per_s;
+        let [reported, turning] = [sample.velocity_m_per_s, sample.angular_velocity_rad_per_s];
         Record {
             kind: Self::PERIOD,
             stage_flags: flags.bits(),
@@ -223,7 +227,14 @@ impl Record {
             device_orientation: sample.pose.orientation,
             device_velocity_m_per_s: reported.unwrap_or_default(),
             device_buttons: sample.buttons,
-            device_status: bits([status.idle, status.saturated, status.warm, reported.is_some()]),
+            device_status: bits([
+                status.idle,
+                status.saturated,
+                status.warm,
+                reported.is_some(),
+                turning.is_some(),
+            ]),
+            device_angular_velocity_rad_per_s: turning.unwrap_or_default(),
             tool_position_m: pose.position_m,
             tool_orientation: pose.orientation,
             force_n: output.force_n,
@@ -240,6 +251,7 @@ impl Record {
             generated_j: output.energy.generated_j,
             out_j: haptics.port().out_j,
             squares_m2: haptics.port().squares_m2,
+            squares_rad2: haptics.port().squares_rad2,
             observed_j: haptics.stages().passivity.map_or(0.0, |p| p.observed_j()),
             command_force_n: command.force_n,
             command_torque_nm: command.torque_nm,
@@ -267,11 +279,12 @@ impl Record {
 
     /// What the device said.
     pub fn sample(&self) -> Sample {
-        let [idle, saturated, warm, reported] = unbits(self.device_status);
+        let [idle, saturated, warm, reported, turning] = unbits(self.device_status);
         Sample {
             sequence: self.device_sequence,
             pose: Pose { position_m: self.device_position_m, orientation: self.device_orientation },
             velocity_m_per_s: reported.then_some(self.device_velocity_m_per_s),
+            angular_velocity_rad_per_s: turning.then_some(self.device_angular_velocity_rad_per_s),
             buttons: self.device_buttons,
             status: Status { idle, saturated, warm },
         }

@@ -11,8 +11,12 @@ use serde::{Deserialize, Serialize};
 pub struct Safety {
     /// A pose that the handle could reach only faster than this is rejected, m/s. A hand throws at about 10 m/s.
     pub speed_max_m_per_s: f64,
+    /// The same for turning, rad/s. A wrist or an arm turns at up to about 50 rad/s.
+    pub turn_max_rad_per_s: f64,
     /// Of a damping besides the device's own, N·s/m.
     pub damping_n_s_per_m: f64,
+    /// Of a damping of turning besides, N·m·s/rad, where rotations are driven.
+    pub damping_nm_s_per_rad: f64,
     /// Whether the passivity controller may act.
     pub passivity: bool,
     /// How long the force takes to ramp up at the beginning, and after anything that went wrong, s.
@@ -24,7 +28,7 @@ pub struct Safety {
     pub silence_s: Option<f64>,
     /// The largest force, N, by default [`GENTLE_N`]; the device's own limit where that is lower.
     pub force_max_n: Option<f64>,
-    /// The largest torque, N·m; the device's own limit where that is lower.
+    /// The largest torque, N·m, by default [`GENTLE_NM`]; the device's own limit where that is lower.
     pub torque_max_nm: Option<f64>,
     /// How fast the force may change, N/s. The default is the slowest that lets a stop end within two periods: half of
     /// the largest force a period.
@@ -36,6 +40,8 @@ pub struct Safety {
 /// The largest force where none is given, N: below the largest of every device in the table, and what fingers that hold a pen
 /// lightly resist. A maker's largest force (20 N and more) throws a handle of 0.2 kg that nobody holds firmly.
 pub const GENTLE_N: f64 = 3.0;
+/// The largest torque where none is given, N·m: [`GENTLE_N`] at a lever of 3 cm, that of fingers on a pen.
+pub const GENTLE_NM: f64 = 0.1;
 /// How long a pose may stay the same, s: as long as drivers and devices wait for a command.
 const STALE: f64 = 0.02;
 /// Periods without a command that are one too many: one was left out, and clocks round.
@@ -45,7 +51,9 @@ impl Default for Safety {
     fn default() -> Self {
         Safety {
             speed_max_m_per_s: 10.0,
+            turn_max_rad_per_s: 100.0,
             damping_n_s_per_m: 0.0,
+            damping_nm_s_per_rad: 0.0,
             passivity: false,
             soft_start_s: 0.5,
             stale_s: STALE,
@@ -80,15 +88,18 @@ impl Safety {
         within("rate_hz", rate_hz, 1.0, 1e5)?;
         let period = 1.0 / rate_hz;
         let speed = within("speed_max_m_per_s", self.speed_max_m_per_s, 0.1, 1e3)?;
+        let turn = within("turn_max_rad_per_s", self.turn_max_rad_per_s, 1.0, 1e5)?;
         let seconds = within("soft_start_s", self.soft_start_s, 0.0, 60.0)?;
         let stale = within("stale_s", self.stale_s, period, 1e9)?;
         let silence = within("silence_s", self.silence_s.unwrap_or(LEFT_OUT * period), period, 1e9)?;
         let mass = device.mechanics.mass_kg.value;
         Ok(Stages {
-            guard: PoseGuard::new(speed, stale),
+            guard: PoseGuard::new(speed, stale).with_turn_max(turn),
             coupling: None,
             damping: self.damping(device, period)?,
-            passivity: self.passivity.then(|| PassivityController::new(period, mass)),
+            passivity: self.passivity.then(|| {
+                PassivityController::new(period, mass).with_inertia(driven_inertia(device).unwrap_or(0.0))
+            }),
             soft_start: SoftStart::new(seconds, period),
             force: FORCE.limit(
                 device.max_force_n.value,
@@ -100,7 +111,8 @@ impl Safety {
                 // Where no rotation is driven no torque is rendered.
                 None => Limit::new(0.0, 0.0),
                 Some(most) => {
-                    TORQUE.limit(most.value, self.torque_max_nm, self.torque_slew_nm_per_s, period)?
+                    let user = self.torque_max_nm.unwrap_or(GENTLE_NM);
+                    TORQUE.limit(most.value, Some(user), self.torque_slew_nm_per_s, period)?
                 }
             },
             silence_s: Some(silence),
@@ -108,22 +120,61 @@ impl Safety {
     }
 
     fn damping(&self, device: &Capabilities, period: f64) -> Result<Option<Damping>, SafetyError> {
-        let damping = self.damping_n_s_per_m;
         let mass = device.mechanics.mass_kg.value;
-        let delay = Damping::delay_s(device, period);
-        let most = 0.5 * mass / delay;
-        if !(0.0..=most).contains(&damping) {
-            return Err(SafetyError {
-                setting: "damping_n_s_per_m",
-                problem: format!(
-                    "{damping} is not between 0 and {most:.3} N·s/m, half of the device's {mass} kg over the {:.1} ms from \
-                     a motion to the force that damps it",
-                    delay * 1e3
-                ),
-                hint: format!("give at most {most:.3}, or a higher rate"),
-            });
+        LINEAR.check(self.damping_n_s_per_m, mass, Damping::delay_s(device, period))?;
+        let [linear, angular] = [self.damping_n_s_per_m, self.damping_nm_s_per_rad];
+        if angular != 0.0 {
+            let Some(inertia) = driven_inertia(device) else {
+                return Err(SafetyError {
+                    setting: ANGULAR.setting,
+                    problem: format!("{} drives no rotation, or its inertia is not known", device.name),
+                    hint: "give 0".into(),
+                });
+            };
+            ANGULAR.check(angular, inertia, Damping::angular_delay_s(device, period))?;
         }
-        Ok((damping > 0.0).then(|| Damping::new(damping)))
+        let damping = Damping::new(linear).with_angular(angular);
+        Ok((linear > 0.0 || angular > 0.0).then_some(damping))
+    }
+}
+
+/// The rotational inertia, kg·m², of a device that drives rotations.
+fn driven_inertia(device: &Capabilities) -> Option<f64> {
+    let wrist = device.mechanics.wrist.as_ref().filter(|_| device.driven.rotations > 0)?;
+    Some(wrist.inertia_kg_m2.value)
+}
+
+/// A damping's setting, its unit, and that of what it damps.
+struct Damped {
+    setting: &'static str,
+    unit: &'static str,
+    inertia_unit: &'static str,
+}
+
+const LINEAR: Damped = Damped { setting: "damping_n_s_per_m", unit: "N·s/m", inertia_unit: "kg" };
+const ANGULAR: Damped =
+    Damped { setting: "damping_nm_s_per_rad", unit: "N·m·s/rad", inertia_unit: "kg·m²" };
+
+impl Damped {
+    /// A sampled damping of more than half of the inertia over the delay overturns the motion that it should calm.
+    fn check(&self, damping: f64, inertia: f64, delay: f64) -> Result<(), SafetyError> {
+        let Damped { setting, unit, inertia_unit } = *self;
+        let most = 0.5 * inertia / delay;
+        if (0.0..=most).contains(&damping) {
+            return Ok(());
+        }
+        // Rounded down, so that what is proposed is allowed.
+        let digits = 10f64.powf(3.0 - most.max(1e-9).log10().ceil());
+        let proposed = (most * digits).floor() / digits;
+        Err(SafetyError {
+            setting,
+            problem: format!(
+                "{damping} is not between 0 and {proposed} {unit}, half of the device's {inertia} {inertia_unit} over the \
+                 {:.1} ms from a motion to the force that damps it",
+                delay * 1e3
+            ),
+            hint: format!("give at most {proposed}, or a higher rate"),
+        })
     }
 }
 
@@ -222,7 +273,9 @@ mod tests {
             (Safety { soft_start_s: -1.0, ..safety }, "soft_start_s"),
             (Safety { damping_n_s_per_m: 30.0, ..safety }, "damping_n_s_per_m"),
             (Safety { damping_n_s_per_m: f64::NAN, ..safety }, "damping_n_s_per_m"),
+            (Safety { damping_nm_s_per_rad: 1e-6, ..safety }, "damping_nm_s_per_rad"),
             (Safety { speed_max_m_per_s: 0.0, ..safety }, "speed_max_m_per_s"),
+            (Safety { turn_max_rad_per_s: 0.0, ..safety }, "turn_max_rad_per_s"),
         ];
         for (safety, setting) in wrong {
             let error = safety.stages(&touch(), 1000.0).unwrap_err();
@@ -250,6 +303,26 @@ mod tests {
         assert!(presets::DEVICES.iter().all(|d| presets::device(d).unwrap().max_force_n.value > GENTLE_N));
         device.max_force_n = Figure::chosen(f64::INFINITY);
         assert_eq!(most(&device, None), GENTLE_N);
+    }
+
+    /// Torque has a gentle default, a damping within half of inertia/delay, and a share of the passivity controller's.
+    #[test]
+    fn a_driven_wrist_has_limits_of_its_own() {
+        let mut sigma = presets::device("sigma").unwrap();
+        sigma.max_torque_nm = Some(Figure::chosen(0.4));
+        let most = |torque_max_nm| {
+            let safety = Safety { torque_max_nm, ..Safety::default() };
+            safety.stages(&sigma, 1000.0).unwrap().torque.most()
+        };
+        assert_eq!([most(None), most(Some(0.3)), most(Some(5.0))], [GENTLE_NM, 0.3, 0.4]);
+        // 1e-4 kg·m² over 1 ms, twice 0.2 ms and the smoothing's 3 ms.
+        let allowed = |damping_nm_s_per_rad| {
+            Safety { damping_nm_s_per_rad, ..Safety::default() }.stages(&sigma, 1000.0).map(|s| s.damping)
+        };
+        let error = allowed(0.0115).unwrap_err().to_string();
+        assert!(error.contains("0.0113 N·m·s/rad") && error.contains("give at most 0.0113"), "{error}");
+        assert!(allowed(f64::NAN).is_err() && allowed(-1e-3).is_err());
+        assert!(allowed(0.0113).unwrap().is_some() && allowed(0.0).unwrap().is_none());
     }
 
     /// A library that averages over 20 ms tells of a velocity 10 ms ago: ten times less damping than a period's delay would bear.

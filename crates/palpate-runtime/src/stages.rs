@@ -1,5 +1,6 @@
-//! From the engine's force to the device's command: the output stages, in their order.
+//! From the engine's wrench to the device's command: the output stages, in their order.
 
+use crate::wrench::Wrench;
 use crate::{Coupling, Damping, Limit, PassivityController, PoseGuard, SoftStart, StageFlags};
 use glam::DVec3;
 use palpate_device::{Command, Sample};
@@ -28,40 +29,40 @@ pub struct Stages {
 }
 
 impl Stages {
-    /// The command for `force` and `torque`, both in the device's frame. `silence` asks for none: what is rendered goes
+    /// The command for the wrench `wanted` at the handle, in the device's frame. `silence` asks for none: what is rendered goes
     /// to zero within the slew limit, and ramps up anew afterwards.
     pub(crate) fn command(
         &mut self,
         now: f64,
         sample: &Sample,
-        [force, torque]: [DVec3; 2],
+        wanted: Wrench,
         silence: bool,
         flags: &mut StageFlags,
     ) -> Command {
-        let [force, torque] = [force, torque].map(|wanted| contain(wanted, flags));
-        // The handle's place is that of the last pose that was accepted; with none, nothing moves.
-        let place = self.guard.position().unwrap_or_default();
-        let damped = match &mut self.damping {
-            Some(damping) => force + damping.force(now, place, sample.velocity_m_per_s),
-            None => force,
-        };
-        let passive = match &mut self.passivity {
-            Some(controller) => {
-                let before = controller.active();
-                let passive = controller.pass(place, damped);
-                flags.set(StageFlags::PASSIVITY, controller.active() > before);
-                passive
-            }
-            None => damped,
-        };
+        let mut wrench =
+            Wrench { force: contain(wanted.force, flags), torque: contain(wanted.torque, flags) };
+        // The handle is where the last pose that was accepted has it; with none, nothing moves.
+        let placement = self.guard.placement().unwrap_or_default();
+        if let Some(damping) = &mut self.damping {
+            let against = damping.wrench(now, placement, sample);
+            wrench.force += against.force;
+            wrench.torque += against.torque;
+        }
+        if let Some(controller) = &mut self.passivity {
+            let before = controller.active();
+            wrench = controller.pass(placement, wrench);
+            flags.set(StageFlags::PASSIVITY, controller.active() > before);
+        }
         let factor = self.soft_start.factor(silence);
         flags.set(StageFlags::STARTING, factor < 1.0);
-        let rendered = self.force.pass(passive, factor, flags);
+        let rendered = Wrench {
+            force: self.force.pass(wrench.force, factor, flags),
+            torque: self.torque.pass(wrench.torque, factor, flags),
+        };
         if let Some(controller) = &mut self.passivity {
             controller.rendered(rendered);
         }
-        let torque = self.torque.pass(torque, factor, flags);
-        Command { force_n: rendered.to_array(), torque_nm: torque.to_array() }
+        Command { force_n: rendered.force.to_array(), torque_nm: rendered.torque.to_array() }
     }
 
     /// What the device renders is not known, or nothing: zero follows at once, and then the soft start.
@@ -81,6 +82,10 @@ fn contain(wanted: DVec3, flags: &mut StageFlags) -> DVec3 {
 mod tests {
     use super::*;
 
+    fn wrench(force: DVec3, torque: DVec3) -> Wrench {
+        Wrench { force, torque }
+    }
+
     fn at(x: f64) -> Sample {
         let mut sample = Sample::default();
         sample.pose.position_m = [x, 0.0, 0.0];
@@ -92,8 +97,8 @@ mod tests {
         for stages in [Stages::default(), Stages { force: Limit::new(3.0, 1.5), ..Stages::default() }] {
             for wrong in [f64::NAN, f64::INFINITY] {
                 let (mut stages, mut flags) = (stages, StageFlags::default());
-                let command =
-                    stages.command(0.0, &at(0.0), [DVec3::new(1.0, wrong, 0.0), DVec3::X], false, &mut flags);
+                let wanted = wrench(DVec3::new(1.0, wrong, 0.0), DVec3::X);
+                let command = stages.command(0.0, &at(0.0), wanted, false, &mut flags);
                 assert_eq!((command.force_n, command.torque_nm), ([0.0; 3], [1.0, 0.0, 0.0]));
                 assert!(flags.has(StageFlags::CONTAINED));
             }
@@ -106,7 +111,7 @@ mod tests {
         let mut stages = Stages { damping: Some(Damping::new(1.0)), ..Stages::default() };
         let (mut sample, mut flags) = (at(0.0), StageFlags::default());
         sample.velocity_m_per_s = Some([f64::NAN; 3]);
-        let command = stages.command(0.0, &sample, [DVec3::X, DVec3::ZERO], false, &mut flags);
+        let command = stages.command(0.0, &sample, wrench(DVec3::X, DVec3::ZERO), false, &mut flags);
         assert!(command.force_n == [0.0; 3] && flags.has(StageFlags::CONTAINED));
     }
 
@@ -118,9 +123,9 @@ mod tests {
             Stages { passivity: Some(controller), force: Limit::new(2.0, 2.0), ..Stages::default() };
         let mut flags = StageFlags::default();
         stages.guard.accept(&at(0.0), 0.0);
-        stages.command(0.0, &at(0.0), [DVec3::X * 50.0, DVec3::ZERO], false, &mut flags);
+        stages.command(0.0, &at(0.0), wrench(DVec3::X * 50.0, DVec3::ZERO), false, &mut flags);
         stages.guard.accept(&Sample { sequence: 1, ..at(-1e-3) }, 1e-3);
-        stages.command(1e-3, &at(-1e-3), [DVec3::ZERO; 2], false, &mut flags);
+        stages.command(1e-3, &at(-1e-3), Wrench::default(), false, &mut flags);
         let observed = stages.passivity.unwrap().observed_j();
         assert!((observed - 2e-3).abs() < 1e-12, "{observed}");
     }
@@ -134,7 +139,8 @@ mod tests {
         };
         let mut flags = StageFlags::default();
         let mut x = |silence| {
-            stages.command(0.0, &at(0.0), [DVec3::X * 2.0, DVec3::ZERO], silence, &mut flags).force_n[0]
+            let wanted = wrench(DVec3::X * 2.0, DVec3::ZERO);
+            stages.command(0.0, &at(0.0), wanted, silence, &mut flags).force_n[0]
         };
         let heights: Vec<f64> = [false, false, false, false, true, true, false].map(&mut x).to_vec();
         let expected = [0.5, 1.0, 1.5, 2.0, 1.0, 0.0, 0.5];

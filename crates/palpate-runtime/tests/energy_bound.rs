@@ -95,8 +95,9 @@ fn hand(rng: &mut Random) -> Hand {
             mass_kg: rng.range(0.0, 0.05),
             damping_n_s_per_m: rng.range(0.0, 5.0),
             stiffness_n_per_m: rng.range(50.0, 800.0),
+            ..Hand::default()
         },
-        _ => Hand { mass_kg: 0.5, damping_n_s_per_m: 6.0, stiffness_n_per_m: 150.0 },
+        _ => Hand { mass_kg: 0.5, damping_n_s_per_m: 6.0, stiffness_n_per_m: 150.0, ..Hand::default() },
     }
 }
 

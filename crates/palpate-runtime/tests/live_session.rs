@@ -6,7 +6,7 @@ use common::{patch, plane, with_field};
 use palpate_body::{Body, SlipRule};
 use palpate_device::{Capabilities, Command, Device, Fault, OpenError, Pose, Sample, presets};
 use palpate_runtime::{
-    ControlError, End, History, LiveSession, Observer, Outcome, Patience, Placement, PreparedSession,
+    ControlError, End, History, LiveSession, Observer, Outcome, Patience, WorkspaceSettings, PreparedSession,
     RealTime, Record, Safety, SessionBody, SessionConfig, SessionError, StageFlags, supervise,
 };
 use std::sync::{Arc, Mutex};
@@ -57,7 +57,7 @@ const SOFT_START: f64 = 0.05;
 /// As on any machine: no rights are asked for, and load beside is forgiven.
 fn config() -> SessionConfig {
     SessionConfig {
-        workspace: Placement { offset_m: Some([0.0; 3]), ..Placement::default() },
+        workspace: WorkspaceSettings { offset_m: Some([0.0; 3]), ..WorkspaceSettings::default() },
         safety: Safety { soft_start_s: SOFT_START, silence_s: Some(5.0), ..Safety::default() },
         patience: Patience { late_s: 5.0, finder_s: 5.0, ..Patience::default() },
         real_time: RealTime { priority: None, core: None, lock_memory: false, spin_s: 0.0 },
@@ -336,7 +336,7 @@ fn the_limits_are_the_same_on_both_clocks() {
             silence_s: Some(5.0),
             ..Safety::default()
         },
-        workspace: Placement::default(),
+        workspace: WorkspaceSettings::default(),
         ..config()
     };
     let summary = palpate_runtime::run_virtual(&body, &config, |_, _| Ok(())).unwrap();

@@ -33,6 +33,7 @@ fn header() -> Header {
         device: "Touch".into(),
         safety: Some(Safety { slew_n_per_s: Some(1e5 / 3.0), ..Safety::default() }),
         coupling_n_per_m: Some(0.1 + 0.2),
+        coupling_nm_per_rad: Some(1.0 / 7.0),
         map: WorkspaceMap { offset_m: DVec3::splat(1.0 / 3.0), clutch: Some(2), ..WorkspaceMap::default() }
             .into(),
     }
@@ -188,13 +189,41 @@ fn a_recording_of_version_1_that_is_there_is_read() {
     );
     assert_eq!((records[17].tool(), records[17].command_force_n), (None, [0.0; 3]));
 
-    // What is written today has the same bytes.
+    // What is written today has the same bytes, and version 2.
     let bytes = std::fs::read(&path).unwrap();
     let mut again = RecordingFile::begin(Vec::new(), &header).unwrap();
     records.iter().for_each(|r| again.write(r).unwrap());
     let again = again.end("the time is over", 18, 0).unwrap();
     let tail = bytes.len() - 19 * Record::BYTES;
-    assert!(again.ends_with(&bytes[tail..]) && again[..12] == bytes[..12]);
+    assert!(again.ends_with(&bytes[tail..]) && again[..8] == bytes[..8]);
+    assert_eq!((bytes[8], again[8]), (1, 2));
+    assert!(records.iter().all(|r| r.squares_rad2 == 0.0 && r.sample().angular_velocity_rad_per_s.is_none()));
+}
+
+/// The numbers in a recording are those of its page: who reads it in another language has nothing else.
+#[test]
+fn the_faults_in_a_recording_are_what_its_page_says() {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/recording.md");
+    let page = std::fs::read_to_string(page).unwrap();
+    let (_, table) = page.split_once("| `fault` | `Fault` | |").unwrap();
+    let rows = table.lines().skip(2).take_while(|line| line.starts_with('|'));
+    let cells = |row: &str| row.split('|').map(|cell| cell.trim().trim_matches('`').to_owned()).collect();
+    let rows: Vec<Vec<String>> = rows.map(cells).collect();
+    for (code, row) in rows.iter().enumerate() {
+        let record = Record { fault: code as u32, fault_code: -7, ..Record::zeroed() };
+        let name = record.fault().map(|fault| format!("{fault:?}").replace("(-7)", ""));
+        assert_eq!((&row[1], &row[2]), (&code.to_string(), &name.unwrap_or_default()), "{row:?}");
+    }
+    assert_eq!(rows.len(), 7);
+    assert_eq!(Record { fault: 7, ..Record::zeroed() }.fault(), None);
+    // The header of every recording says the same.
+    let about = Record::fields().into_iter().find(|field| field.name == "fault").unwrap().about;
+    for (code, words) in
+        [(1, "not open"), (2, "gone"), (3, "in time"), (4, "understood"), (5, "vendor"), (6, "ended")]
+    {
+        let (_, said) = about.split_once(&format!(" {code} ")).unwrap();
+        assert!(said.split(',').next().unwrap().contains(words), "{about}");
+    }
 }
 
 /// Somewhere to write that other threads can look into, and that has room for so many bytes.
@@ -314,7 +343,7 @@ fn loop_records(body: &Body) -> Vec<Record> {
         Move::Tap { depth_m: -8e-3, times: 3, seconds: 0.4 },
     ];
     let script = Script::new(DVec3::new(1e-3, 2e-3, 0.0), 1e-3, -DVec3::Z, DVec3::X, &moves).unwrap();
-    let hand = Hand { mass_kg: 0.01, damping_n_s_per_m: 2.0, stiffness_n_per_m: 300.0 };
+    let hand = Hand { mass_kg: 0.01, damping_n_s_per_m: 2.0, stiffness_n_per_m: 300.0, ..Hand::default() };
     let odds = Odds { no_number: 0.01, frozen: 0.005, jump: 0.005, read_error: 0.01, write_error: 0.01 };
     let mut device = Faulty::new(Simulated::new(capabilities, hand, Box::new(script)), odds, 7);
     device.open().unwrap();

@@ -194,7 +194,7 @@ impl HandMotion for Around {
         // A central difference: its error, jerk h²/6, is below a nanometre a second.
         let h = 1e-6;
         let velocity_m_per_s = (self.place(t + h) - self.place(t - h)) / (2.0 * h);
-        Target { position_m: self.place(t), velocity_m_per_s, push_n: DVec3::ZERO }
+        Target { position_m: self.place(t), velocity_m_per_s, ..Target::default() }
     }
 
     fn duration_s(&self) -> f64 {

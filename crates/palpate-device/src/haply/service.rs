@@ -260,6 +260,7 @@ pub(super) fn sample(pose: &[f64; POSE]) -> Sample {
         sequence: count as u64,
         pose: Pose { position_m: [x, y, z], orientation: [w, i, j, k] },
         velocity_m_per_s: Some([vx, vy, vz]).filter(|v| v.iter().all(|c| c.is_finite())),
+        angular_velocity_rad_per_s: None,
         buttons: buttons as u32,
         status: Status { idle: idle > 0.0, ..Status::default() },
     }

@@ -226,6 +226,7 @@ pub(super) fn sample(pose: &[f64; POSE]) -> Option<Sample> {
         sequence: pose[0] as u64,
         pose: Pose { position_m, orientation },
         velocity_m_per_s: Some(velocity).filter(|v| v.iter().all(|x| x.is_finite())),
+        angular_velocity_rad_per_s: None,
         buttons: pose[16] as u32,
         status,
     })

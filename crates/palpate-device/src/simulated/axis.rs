@@ -1,10 +1,10 @@
-//! One axis of the simulated tool, integrated exactly between events.
+//! One axis of the simulated handle, a slide or a hinge of its wrist, integrated exactly between events.
 //!
 //! ```text
 //! m ẍ = F(t) + k (x_h − x) + b_h (ẋ_h − ẋ) + p(t) − b ẋ − c_f sign ẋ
 //! ```
 //!
-//! with F the motor's force, x_h the hand's aim and p its push. Between events (a command that arrives, an amplifier
+//! with F the motor's force, x_h the hand's aim and p its push; for a hinge they are angle, inertia, and torques. Between events (a command that arrives, an amplifier
 //! that stops slewing, a velocity that becomes 0, a stop that breaks) the right side is linear in x and ẋ with a
 //! smooth drive, so that x(t) is the power series whose coefficients follow one another:
 //!
@@ -14,7 +14,7 @@
 //!
 //! A piece is short enough for the series to end at rounding; there is no step size to choose and no numerical damping.
 
-use super::{Energies, Hand};
+use super::Energies;
 
 /// Highest power kept. Pieces are so short that the next term is below 10⁻¹⁶ of the first.
 const ORDER: usize = 14;
@@ -27,7 +27,8 @@ const SHARE: f64 = 0.25;
 /// A motor as near to its command is there, relative.
 const ARRIVED: f64 = 1e-15;
 
-/// What moves and what drives it; the same for the three axes.
+/// What moves and what drives it; the same for three axes. Units are those of a slide; a hinge has rad for m, N·m for N and
+/// kg·m² for kg.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Plant {
     /// Device and hand, kg.
@@ -36,8 +37,10 @@ pub(super) struct Plant {
     pub damping: f64,
     /// c_f, N.
     pub coulomb: f64,
-    /// The operator's hand.
-    pub hand: Hand,
+    /// The hand's damper, N·s/m.
+    pub hand_damping: f64,
+    /// The hand's spring, N/m.
+    pub stiffness: f64,
     /// Amplifier's time constant, s.
     pub lag: f64,
     /// Amplifier's slew limit, N/s.
@@ -47,8 +50,7 @@ pub(super) struct Plant {
 impl Plant {
     /// The longest piece, s.
     fn longest(&self) -> f64 {
-        let fastest = (self.damping + self.hand.damping_n_s_per_m) / self.mass
-            + (self.hand.stiffness_n_per_m / self.mass).sqrt();
+        let fastest = (self.damping + self.hand_damping) / self.mass + (self.stiffness / self.mass).sqrt();
         (SHARE / fastest).max(SHORTEST)
     }
 
@@ -107,8 +109,8 @@ impl Aim {
     }
 
     /// The hand's force but for what the tool's own motion takes off: k x_h + b_h ẋ_h + p.
-    fn drive(&self, hand: &Hand) -> [f64; 4] {
-        let (k, b) = (hand.stiffness_n_per_m, hand.damping_n_s_per_m);
+    fn drive(&self, plant: &Plant) -> [f64; 4] {
+        let (k, b) = (plant.stiffness, plant.hand_damping);
         let [x0, x1, x2, x3] = self.cubic;
         [k * x0 + b * x1 + self.push[0], k * x1 + 2.0 * b * x2 + self.push[1], k * x2 + 3.0 * b * x3, k * x3]
     }
@@ -142,13 +144,13 @@ impl Axis {
 
     /// One piece of at most `span` s, to the next event; returns how long it was.
     fn piece(&mut self, plant: &Plant, motor: &Series, aim: &Aim, span: f64) -> f64 {
-        let Plant { mass, damping, coulomb, hand, .. } = plant;
+        let Plant { mass, damping, coulomb, hand_damping, stiffness, .. } = plant;
         let mut drive = *motor;
-        for (u, h) in drive.iter_mut().zip(aim.drive(hand)) {
+        for (u, h) in drive.iter_mut().zip(aim.drive(plant)) {
             *u += h;
         }
         // What would move a tool at rest.
-        let net = |t: f64| value(&drive, t) - hand.stiffness_n_per_m * self.x;
+        let net = |t: f64| value(&drive, t) - stiffness * self.x;
         let direction = if self.v != 0.0 {
             self.v.signum()
         } else if net(0.0).abs() > *coulomb {
@@ -158,14 +160,14 @@ impl Axis {
             let breaks = first(span, |t| net(t).abs() > *coulomb);
             return self.book(plant, motor, aim, &constant(self.x), breaks.unwrap_or(span));
         };
-        let resistance = damping + hand.damping_n_s_per_m;
+        let resistance = damping + hand_damping;
         let mut x = constant(self.x);
         x[1] = self.v;
         for n in 0..ORDER - 1 {
             let u = if n == 0 { drive[0] - coulomb * direction } else { drive[n] };
             let m = n as f64;
-            x[n + 2] = (u - resistance * (m + 1.0) * x[n + 1] - hand.stiffness_n_per_m * x[n])
-                / (mass * (m + 2.0) * (m + 1.0));
+            x[n + 2] =
+                (u - resistance * (m + 1.0) * x[n + 1] - stiffness * x[n]) / (mass * (m + 2.0) * (m + 1.0));
         }
         if *coulomb == 0.0 {
             return self.book(plant, motor, aim, &x, span);
@@ -181,7 +183,7 @@ impl Axis {
 
     /// Goes `span` s along the series x(t), and books its energies.
     fn book(&mut self, plant: &Plant, motor: &Series, aim: &Aim, x: &Series, span: f64) -> f64 {
-        let Plant { damping, coulomb, hand, .. } = plant;
+        let Plant { damping, coulomb, hand_damping, stiffness, .. } = plant;
         let speed = derivative(x);
         let e = &mut self.energy;
         // Gauss's five points: exact to the ninth power.
@@ -190,11 +192,11 @@ impl Axis {
             let v = value(&speed, t);
             let now = aim.from(t);
             let slip = now.cubic[1] - v;
-            let spring = hand.stiffness_n_per_m * (now.cubic[0] - value(x, t));
+            let spring = stiffness * (now.cubic[0] - value(x, t));
             e.motor_j += dt * value(motor, t) * v;
-            e.hand_j += dt * ((spring + hand.damping_n_s_per_m * slip) * now.cubic[1] + now.push[0] * v);
+            e.hand_j += dt * ((spring + hand_damping * slip) * now.cubic[1] + now.push[0] * v);
             e.viscous_j += dt * damping * v * v;
-            e.hand_damper_j += dt * hand.damping_n_s_per_m * slip * slip;
+            e.hand_damper_j += dt * hand_damping * slip * slip;
         }
         let end = value(x, span);
         e.coulomb_j += coulomb * (end - self.x).abs();

@@ -2,7 +2,7 @@
 //! or so long for its time constants that its series doesn't end at rounding.
 
 use super::{Hand, UNDER_WAY};
-use crate::Capabilities;
+use crate::{Capabilities, Wrist};
 use std::fmt;
 
 /// What a figure can be: from `least` to `most`, and 0 where that means that there is none of it.
@@ -65,6 +65,18 @@ pub const DELAY_S: Allowed = Allowed::up_to(1.0);
 pub const LAG_S: Allowed = Allowed::none_or(1e-8, 1.0);
 /// An amplifier's slew, N/s.
 pub const SLEW_N_PER_S: Allowed = Allowed::up_to(f64::INFINITY);
+/// A rotational inertia, kg·m².
+pub const INERTIA_KG_M2: Allowed = Allowed::none_or(1e-9, 1e3);
+/// A rotational damping, N·m·s/rad.
+pub const DAMPING_NM_S_PER_RAD: Allowed = Allowed::up_to(1e5);
+/// A hand's rotational spring, N·m/rad.
+pub const STIFFNESS_NM_PER_RAD: Allowed = Allowed::up_to(1e8);
+/// Coulomb friction of turning, N·m; and the largest torque.
+pub const TORQUE_NM: Allowed = Allowed::up_to(1e4);
+/// A rotational encoder's step, rad.
+pub const RESOLUTION_RAD: Allowed = Allowed::none_or(1e-12, 1.0);
+/// An amplifier's slew, N·m/s.
+pub const SLEW_NM_PER_S: Allowed = Allowed::up_to(f64::INFINITY);
 
 /// A delay of more periods than these can't be simulated: commands under way are kept in a ring of this size.
 pub const PERIODS_UNDER_WAY: usize = UNDER_WAY;
@@ -84,14 +96,19 @@ pub struct FigureError {
     pub hint: String,
 }
 
+/// The wrist of a device whose simulated handle turns.
+pub(super) fn turning(capabilities: &Capabilities) -> Option<&Wrist> {
+    capabilities.mechanics.wrist.as_ref().filter(|_| capabilities.sensed.rotations > 0)
+}
+
 /// Whether a device with these capabilities can be simulated in this hand.
 ///
 /// # Errors
-/// A figure outside of what is [`Allowed`]; no moving mass; a mass so small for damping and spring that the motion's time
-/// constant 1/((b + b_h)/m + √(k/m)) is below 10 µs.
+/// A figure outside of what is [`Allowed`]; nothing that moves, or turns where there is a wrist; a mass, or an inertia, so
+/// small for damping and spring that the motion's time constant 1/((b + b_h)/m + √(k/m)) is below 10 µs.
 pub fn check(capabilities: &Capabilities, hand: &Hand) -> Result<(), FigureError> {
     let m = &capabilities.mechanics;
-    for (figure, value, allowed) in [
+    all(&[
         ("mass_kg", m.mass_kg.value, MASS_KG),
         ("damping_n_s_per_m", m.damping_n_s_per_m.value, DAMPING_N_S_PER_M),
         ("coulomb_n", m.coulomb_n.value, FORCE_N),
@@ -103,25 +120,60 @@ pub fn check(capabilities: &Capabilities, hand: &Hand) -> Result<(), FigureError
         ("the hand's mass_kg", hand.mass_kg, MASS_KG),
         ("the hand's damping_n_s_per_m", hand.damping_n_s_per_m, DAMPING_N_S_PER_M),
         ("the hand's stiffness_n_per_m", hand.stiffness_n_per_m, STIFFNESS_N_PER_M),
-    ] {
-        if !allowed.holds(value) {
-            return Err(FigureError { figure, value, hint: allowed.to_string() });
-        }
+        ("the hand's inertia_kg_m2", hand.inertia_kg_m2, INERTIA_KG_M2),
+        ("the hand's damping_nm_s_per_rad", hand.damping_nm_s_per_rad, DAMPING_NM_S_PER_RAD),
+        ("the hand's stiffness_nm_per_rad", hand.stiffness_nm_per_rad, STIFFNESS_NM_PER_RAD),
+    ])?;
+    let resistance = m.damping_n_s_per_m.value + hand.damping_n_s_per_m;
+    not_too_fast(MASS, m.mass_kg.value + hand.mass_kg, resistance, hand.stiffness_n_per_m)?;
+    let Some(wrist) = turning(capabilities) else { return Ok(()) };
+    all(&[
+        ("inertia_kg_m2", wrist.inertia_kg_m2.value, INERTIA_KG_M2),
+        ("damping_nm_s_per_rad", wrist.damping_nm_s_per_rad.value, DAMPING_NM_S_PER_RAD),
+        ("coulomb_nm", wrist.coulomb_nm.value, TORQUE_NM),
+        ("resolution_rad", wrist.resolution_rad.value, RESOLUTION_RAD),
+        ("slew_nm_per_s", wrist.slew_nm_per_s.value, SLEW_NM_PER_S),
+        ("max_torque_nm", capabilities.max_torque_nm.as_ref().map_or(0.0, |most| most.value), TORQUE_NM),
+    ])?;
+    let resistance = wrist.damping_nm_s_per_rad.value + hand.damping_nm_s_per_rad;
+    not_too_fast(
+        INERTIA,
+        wrist.inertia_kg_m2.value + hand.inertia_kg_m2,
+        resistance,
+        hand.stiffness_nm_per_rad,
+    )
+}
+
+fn all(figures: &[(&'static str, f64, Allowed)]) -> Result<(), FigureError> {
+    match figures.iter().find(|(_, value, allowed)| !allowed.holds(*value)) {
+        Some(&(figure, value, allowed)) => Err(FigureError { figure, value, hint: allowed.to_string() }),
+        None => Ok(()),
     }
-    let mass = m.mass_kg.value + hand.mass_kg;
+}
+
+/// Names of what moves: as a whole, with its unit, and in a sentence.
+const MASS: [&str; 3] = ["the moving mass", "the moving mass_kg", "mass"];
+const INERTIA: [&str; 3] = ["the turning inertia", "the turning inertia_kg_m2", "inertia"];
+
+fn not_too_fast(
+    [name, figure, noun]: [&'static str; 3],
+    mass: f64,
+    resistance: f64,
+    stiffness: f64,
+) -> Result<(), FigureError> {
     if mass == 0.0 {
-        let hint = "the device or the hand a mass: without one it can't be integrated".into();
-        return Err(FigureError { figure: "the moving mass", value: mass, hint });
+        let an = if noun == "mass" { "a" } else { "an" };
+        let hint = format!("the device or the hand {an} {noun}: without one it can't be integrated");
+        return Err(FigureError { figure: name, value: mass, hint });
     }
-    let fastest =
-        (m.damping_n_s_per_m.value + hand.damping_n_s_per_m) / mass + (hand.stiffness_n_per_m / mass).sqrt();
+    let fastest = resistance / mass + (stiffness / mass).sqrt();
     if fastest * SHORTEST_S > 1.0 {
         let hint = format!(
-            "more mass, less damping or a softer hand: with these the tool's motion has a time constant of {:.1e} s, and \
+            "more {noun}, less damping or a softer hand: with these the tool's motion has a time constant of {:.1e} s, and \
              {SHORTEST_S:.0e} s is the shortest that can be simulated",
             1.0 / fastest
         );
-        return Err(FigureError { figure: "the moving mass_kg", value: mass, hint });
+        return Err(FigureError { figure, value: mass, hint });
     }
     Ok(())
 }

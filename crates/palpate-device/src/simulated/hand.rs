@@ -4,7 +4,7 @@ use glam::DVec3;
 use std::fmt;
 
 /// The operator's hand at the handle, alike in all directions: a mass that moves with the tool, and a spring and a
-/// damper to where the operator wants it to be.
+/// damper to where the operator wants it to be; the same for turning, at each hinge of the wrist.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Hand {
     /// kg.
@@ -13,6 +13,12 @@ pub struct Hand {
     pub damping_n_s_per_m: f64,
     /// N/m.
     pub stiffness_n_per_m: f64,
+    /// Rotational inertia that turns with the handle, kg·m².
+    pub inertia_kg_m2: f64,
+    /// Rotational damper, N·m·s/rad.
+    pub damping_nm_s_per_rad: f64,
+    /// Rotational spring, N·m/rad.
+    pub stiffness_nm_per_rad: f64,
 }
 
 /// What the operator wants at a time.
@@ -24,6 +30,13 @@ pub struct Target {
     pub velocity_m_per_s: DVec3,
     /// A force that the hand exerts besides, N.
     pub push_n: DVec3,
+    /// Angles of the wrist's hinges that the hand's rotational spring pulls to, rad: about x, y and z, as
+    /// [`Simulated::angles_rad`](super::Simulated::angles_rad) has them.
+    pub angles_rad: DVec3,
+    /// How fast they change, rad/s.
+    pub rates_rad_per_s: DVec3,
+    /// Torques that the hand exerts at the hinges besides, N·m.
+    pub twist_nm: DVec3,
 }
 
 /// What the operator does, as a function of time: the same time gives the same target.

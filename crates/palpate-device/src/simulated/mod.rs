@@ -4,6 +4,7 @@ mod axis;
 pub mod figures;
 mod hand;
 mod script;
+mod wrist;
 
 pub use hand::{Hand, HandMotion, Target};
 pub use script::{Move, Script, ScriptError};
@@ -19,7 +20,7 @@ const LONGEST_GAP: f64 = 1.0;
 /// Commands that can be under way at once; of more, the oldest acts early.
 const UNDER_WAY: usize = 64;
 
-/// Energies of the simulated mechanics since `open`, J: kinetic + hand's spring = motor + hand − the three dissipations.
+/// Energies of the simulated mechanics since `open`, of slides and hinges, J: kinetic + hand's spring = motor + hand − the three dissipations.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Energies {
     /// Work of the motors on the tool.
@@ -38,12 +39,20 @@ pub struct Energies {
 /// with the device's encoder, delay, amplifier and force limit between it and the loop.
 ///
 /// Each axis has its own drive, encoder, and friction, as on a gantry. Forces are held from one command to the next.
+///
+/// The handle turns where rotations are sensed and [`Mechanics::wrist`](crate::Mechanics) is known: on three hinges, one on
+/// the other, about z, y and x, in this order from the base, each with its own drive, encoder, friction and inertia. A
+/// commanded torque becomes, by virtual work, the torques that the hinges' motors hold until the next command, as a wrist's
+/// drives do. So each hinge is integrated as exactly as a slide.
 #[derive(Debug)]
 pub struct Simulated {
     capabilities: Capabilities,
     plant: Plant,
     motion: Box<dyn HandMotion>,
-    axes: [Axis; 3],
+    slides: [Axis; 3],
+    /// Of a wrist that turns.
+    hinge: Option<Plant>,
+    hinges: [Axis; 3],
     /// s since `open`; `None` while closed.
     now: Option<f64>,
     pending: Pending,
@@ -66,15 +75,27 @@ impl Simulated {
             mass: m.mass_kg.value + hand.mass_kg,
             damping: m.damping_n_s_per_m.value,
             coulomb: m.coulomb_n.value,
-            hand,
+            hand_damping: hand.damping_n_s_per_m,
+            stiffness: hand.stiffness_n_per_m,
             lag: m.lag_s.value,
             slew: m.slew_n_per_s.value,
         };
+        let hinge = figures::turning(&capabilities).map(|wrist| Plant {
+            mass: wrist.inertia_kg_m2.value + hand.inertia_kg_m2,
+            damping: wrist.damping_nm_s_per_rad.value,
+            coulomb: wrist.coulomb_nm.value,
+            hand_damping: hand.damping_nm_s_per_rad,
+            stiffness: hand.stiffness_nm_per_rad,
+            lag: m.lag_s.value,
+            slew: wrist.slew_nm_per_s.value,
+        });
         Simulated {
             capabilities,
             plant,
             motion,
-            axes: [Axis::default(); 3],
+            slides: [Axis::default(); 3],
+            hinge,
+            hinges: [Axis::default(); 3],
             now: None,
             pending: Pending::default(),
             sequence: 0,
@@ -85,17 +106,33 @@ impl Simulated {
 
     /// Where the tool really is, m: what [`Device::read`] says is rounded to the encoder's steps.
     pub fn position_m(&self) -> DVec3 {
-        DVec3::from_array(self.axes.map(|a| a.x))
+        DVec3::from_array(self.slides.map(|a| a.x))
     }
 
     /// Its velocity, m/s.
     pub fn velocity_m_per_s(&self) -> DVec3 {
-        DVec3::from_array(self.axes.map(|a| a.v))
+        DVec3::from_array(self.slides.map(|a| a.v))
     }
 
     /// The force that the motors render now, N.
     pub fn force_n(&self) -> DVec3 {
-        DVec3::from_array(self.axes.map(|a| a.force))
+        DVec3::from_array(self.slides.map(|a| a.force))
+    }
+
+    /// Angles of the wrist's hinges about x, y and z, rad; 0 where the handle does not turn. The handle's orientation is
+    /// R_z R_y R_x. At ±90° of the middle one, y, the others' axes are parallel, and the handle can't be turned about every axis.
+    pub fn angles_rad(&self) -> DVec3 {
+        DVec3::from_array(self.hinges.map(|a| a.x))
+    }
+
+    /// How fast they change, rad/s.
+    pub fn rates_rad_per_s(&self) -> DVec3 {
+        DVec3::from_array(self.hinges.map(|a| a.v))
+    }
+
+    /// The torques that the hinges' motors render now, N·m.
+    pub fn hinge_torques_nm(&self) -> DVec3 {
+        DVec3::from_array(self.hinges.map(|a| a.force))
     }
 
     /// What the operator wants now.
@@ -105,23 +142,29 @@ impl Simulated {
 
     /// Sums since `open`.
     pub fn energies(&self) -> Energies {
-        self.axes.iter().fold(Energies::default(), |sum, Axis { energy: e, .. }| Energies {
-            motor_j: sum.motor_j + e.motor_j,
-            hand_j: sum.hand_j + e.hand_j,
-            viscous_j: sum.viscous_j + e.viscous_j,
-            coulomb_j: sum.coulomb_j + e.coulomb_j,
-            hand_damper_j: sum.hand_damper_j + e.hand_damper_j,
+        self.slides.iter().chain(&self.hinges).fold(Energies::default(), |sum, Axis { energy: e, .. }| {
+            Energies {
+                motor_j: sum.motor_j + e.motor_j,
+                hand_j: sum.hand_j + e.hand_j,
+                viscous_j: sum.viscous_j + e.viscous_j,
+                coulomb_j: sum.coulomb_j + e.coulomb_j,
+                hand_damper_j: sum.hand_damper_j + e.hand_damper_j,
+            }
         })
     }
 
-    /// Kinetic energy, and that of the hand's spring, J.
+    /// Kinetic energy, and that of the hand's springs, J.
     pub fn held_j(&self) -> f64 {
-        let stretched = self.target().position_m - self.position_m();
-        0.5 * self.plant.mass * self.velocity_m_per_s().length_squared()
-            + 0.5 * self.plant.hand.stiffness_n_per_m * stretched.length_squared()
+        let target = self.target();
+        let held = |plant: &Plant, velocity: DVec3, stretched: DVec3| {
+            0.5 * plant.mass * velocity.length_squared() + 0.5 * plant.stiffness * stretched.length_squared()
+        };
+        let slides = held(&self.plant, self.velocity_m_per_s(), target.position_m - self.position_m());
+        let turned = target.angles_rad - self.angles_rad();
+        slides + self.hinge.as_ref().map_or(0.0, |plant| held(plant, self.rates_rad_per_s(), turned))
     }
 
-    /// How many commands were cut to the force limit since `open`.
+    /// How many commands were cut to the force or torque limit since `open`.
     pub fn saturations(&self) -> u64 {
         self.saturations
     }
@@ -129,28 +172,40 @@ impl Simulated {
     /// Moves from `from` to `to`, s, with the commands that arrive on the way.
     fn advance(&mut self, mut from: f64, to: f64) {
         while from < to {
-            while let Some(force) = self.pending.due(from) {
-                self.command(force);
+            while let Some(wrench) = self.pending.due(from) {
+                self.command(wrench);
             }
             // A sliver that rounding leaves over goes with the last stretch.
             let last = if to - from < STRETCH * 1.001 { to } else { from + STRETCH };
             let until = last.min(self.pending.next().unwrap_or(f64::INFINITY));
             let (a, b) = (self.motion.target(from), self.motion.target(until));
-            for (i, axis) in self.axes.iter_mut().enumerate() {
+            let span = until - from;
+            for (i, axis) in self.slides.iter_mut().enumerate() {
                 let end = |t: &Target| [t.position_m[i], t.velocity_m_per_s[i], t.push_n[i]];
-                let span = until - from;
                 axis.advance(&self.plant, span, &Aim::between(end(&a), end(&b), span));
+            }
+            if let Some(plant) = &self.hinge {
+                for (i, axis) in self.hinges.iter_mut().enumerate() {
+                    let end = |t: &Target| [t.angles_rad[i], t.rates_rad_per_s[i], t.twist_nm[i]];
+                    axis.advance(plant, span, &Aim::between(end(&a), end(&b), span));
+                }
             }
             from = until;
         }
-        while let Some(force) = self.pending.due(to) {
-            self.command(force);
+        while let Some(wrench) = self.pending.due(to) {
+            self.command(wrench);
         }
     }
 
-    fn command(&mut self, force: DVec3) {
-        for (axis, f) in self.axes.iter_mut().zip(force.to_array()) {
+    fn command(&mut self, [force, torque]: Wrench) {
+        for (axis, f) in self.slides.iter_mut().zip(force.to_array()) {
             axis.command = f;
+        }
+        if self.hinge.is_some() {
+            let directions = wrist::axes(self.angles_rad());
+            for (axis, direction) in self.hinges.iter_mut().zip(directions) {
+                axis.command = direction.dot(torque);
+            }
         }
     }
 }
@@ -162,8 +217,10 @@ impl Device for Simulated {
 
     /// Starts at rest, at the motion script's beginning.
     fn open(&mut self) -> Result<(), OpenError> {
-        let start = self.motion.target(0.0).position_m.to_array();
-        self.axes = start.map(|x| Axis { x, ..Axis::default() });
+        let start = self.motion.target(0.0);
+        let at = |x: DVec3| x.to_array().map(|x| Axis { x, ..Axis::default() });
+        self.slides = at(start.position_m);
+        self.hinges = at(if self.hinge.is_some() { start.angles_rad } else { DVec3::ZERO });
         (self.now, self.pending) = (Some(0.0), Pending::default());
         (self.sequence, self.saturated, self.saturations) = (0, false, 0);
         Ok(())
@@ -176,48 +233,63 @@ impl Device for Simulated {
             self.now = Some(now_s);
         }
         self.sequence += 1;
+        let read = |x: f64, step: f64| if step > 0.0 { libm::rint(x / step) * step } else { x };
         let step = self.capabilities.mechanics.resolution_m.value;
-        let read = |x: f64| if step > 0.0 { libm::rint(x / step) * step } else { x };
-        let pose = Pose { position_m: self.axes.map(|a| read(a.x)), ..Pose::default() };
+        let mut pose = Pose { position_m: self.slides.map(|a| read(a.x, step)), ..Pose::default() };
+        if let Some(wrist) = figures::turning(&self.capabilities) {
+            let step = wrist.resolution_rad.value;
+            pose.orientation = wrist::orientation(DVec3::from_array(self.hinges.map(|a| read(a.x, step))));
+        }
         let status = Status { saturated: self.saturated, ..Status::default() };
         Ok(Sample { sequence: self.sequence, pose, status, ..Sample::default() })
     }
 
     fn write(&mut self, command: &Command) -> Result<(), Fault> {
         let now = self.now.ok_or(Fault::NotOpen)?;
-        let force = DVec3::from_array(command.force_n);
-        // A real amplifier renders something for anything; nothing is the safest.
-        let force = if force.is_finite() { force } else { DVec3::ZERO };
-        let most = self.capabilities.max_force_n.value;
-        self.saturated = force.length() > most;
+        let (force, too_strong) = cut(command.force_n, self.capabilities.max_force_n.value);
+        let driven =
+            self.capabilities.max_torque_nm.as_ref().filter(|_| self.capabilities.driven.rotations > 0);
+        let (torque, too_hard) =
+            driven.map_or((DVec3::ZERO, false), |most| cut(command.torque_nm, most.value));
+        self.saturated = too_strong || too_hard;
         self.saturations += u64::from(self.saturated);
-        let force = force.clamp_length_max(most);
         let delay = self.capabilities.mechanics.delay_s.value;
         if delay == 0.0 {
-            self.command(force);
-        } else if let Some(early) = self.pending.push(now + delay, force) {
+            self.command([force, torque]);
+        } else if let Some(early) = self.pending.push(now + delay, [force, torque]) {
             self.command(early);
         }
         Ok(())
     }
 
     fn close(&mut self) {
-        self.command(DVec3::ZERO);
+        self.command([DVec3::ZERO; 2]);
         self.now = None;
     }
 }
 
+/// The vector, no longer than `most`, and whether it had to be cut.
+fn cut(wanted: [f64; 3], most: f64) -> (DVec3, bool) {
+    let wanted = DVec3::from_array(wanted);
+    // A real amplifier renders something for anything; nothing is the safest.
+    let wanted = if wanted.is_finite() { wanted } else { DVec3::ZERO };
+    (wanted.clamp_length_max(most), wanted.length() > most)
+}
+
+/// Force, N, and torque, N·m.
+type Wrench = [DVec3; 2];
+
 /// Commands under way: a ring of fixed size.
 #[derive(Debug)]
 struct Pending {
-    ring: [(f64, DVec3); UNDER_WAY],
+    ring: [(f64, Wrench); UNDER_WAY],
     first: usize,
     count: usize,
 }
 
 impl Default for Pending {
     fn default() -> Self {
-        Pending { ring: [(0.0, DVec3::ZERO); UNDER_WAY], first: 0, count: 0 }
+        Pending { ring: [(0.0, [DVec3::ZERO; 2]); UNDER_WAY], first: 0, count: 0 }
     }
 }
 
@@ -228,19 +300,19 @@ impl Pending {
     }
 
     /// Takes the next one if it has arrived at `now`.
-    fn due(&mut self, now: f64) -> Option<DVec3> {
+    fn due(&mut self, now: f64) -> Option<Wrench> {
         if self.next()? > now {
             return None;
         }
-        let (_, force) = self.ring[self.first];
+        let (_, wrench) = self.ring[self.first];
         (self.first, self.count) = ((self.first + 1) % UNDER_WAY, self.count - 1);
-        Some(force)
+        Some(wrench)
     }
 
     /// Adds one that arrives at `when`; where there is no room, gives back the oldest.
-    fn push(&mut self, when: f64, force: DVec3) -> Option<DVec3> {
+    fn push(&mut self, when: f64, wrench: Wrench) -> Option<Wrench> {
         let oldest = if self.count == UNDER_WAY { self.due(f64::INFINITY) } else { None };
-        self.ring[(self.first + self.count) % UNDER_WAY] = (when, force);
+        self.ring[(self.first + self.count) % UNDER_WAY] = (when, wrench);
         self.count += 1;
         oldest
     }

@@ -1,4 +1,4 @@
-//! Scripts of moves: press, drag, circle, tap, hold, push, release.
+//! Scripts of moves: press, drag, circle, tap, hold, push, turn, release.
 
 use super::{HandMotion, Target};
 use glam::DVec3;
@@ -58,6 +58,13 @@ pub enum Move {
         /// How long the change takes, s.
         seconds: f64,
     },
+    /// Turns the handle to these angles of the wrist's hinges about the device's x, y and z.
+    Turn {
+        /// rad.
+        angles_rad: DVec3,
+        /// How long it takes, s.
+        seconds: f64,
+    },
 }
 
 impl Move {
@@ -69,7 +76,8 @@ impl Move {
             | Move::Circle { seconds, .. }
             | Move::Tap { seconds, .. }
             | Move::Hold { seconds, .. }
-            | Move::Push { seconds, .. } => seconds,
+            | Move::Push { seconds, .. }
+            | Move::Turn { seconds, .. } => seconds,
         }
     }
 
@@ -105,7 +113,7 @@ impl Move {
                     [0, 1, 2].map(|i| fade * rates[i] * libm::cos(rates[i] * t) + dfade * rate * wave[i]);
                 (DVec3::from_array(wave) * (fade * tremor_m), DVec3::from_array(slope) * tremor_m)
             }
-            Move::Push { .. } => (DVec3::ZERO, DVec3::ZERO),
+            Move::Push { .. } | Move::Turn { .. } => (DVec3::ZERO, DVec3::ZERO),
         }
     }
 }
@@ -140,6 +148,8 @@ struct Begun {
     from: DVec3,
     /// N.
     push: f64,
+    /// rad.
+    angles: DVec3,
 }
 
 impl Script {
@@ -174,20 +184,26 @@ impl Script {
             return Err(error("moves", "there is none", "give one at least"));
         }
         let mut begun = Vec::with_capacity(moves.len());
-        let (mut at_s, mut from, mut push) = (0.0, DVec3::Z * -clearance, 0.0);
+        let (mut at_s, mut from, mut push, mut angles) = (0.0, DVec3::Z * -clearance, 0.0, DVec3::ZERO);
         for (i, &the_move) in moves.iter().enumerate() {
             let number = format!("move {}", i + 1);
             let seconds = the_move.seconds();
             if !(seconds > 0.0 && seconds <= 1e6) {
                 return Err(error(&number, "its seconds are not above 0 or beyond a million", "give a time"));
             }
-            begun.push(Begun { the_move, at_s, from, push });
+            begun.push(Begun { the_move, at_s, from, push, angles });
             let end = from + the_move.way(from.z, 1.0, 0.0).0;
-            if let Move::Push { force_n, .. } = the_move {
-                push = force_n;
+            match the_move {
+                Move::Push { force_n, .. } => push = force_n,
+                Move::Turn { angles_rad, .. } => angles = angles_rad,
+                _ => {}
             }
             (at_s, from) = (at_s + seconds, end);
-            if !(end.is_finite() && push.is_finite() && the_move.way(0.0, 0.3, 1.0).1.is_finite()) {
+            if !(end.is_finite()
+                && push.is_finite()
+                && angles.is_finite()
+                && the_move.way(0.0, 0.3, 1.0).1.is_finite())
+            {
                 return Err(error(&number, "it holds a number that is not finite", "give numbers"));
             }
         }
@@ -202,7 +218,7 @@ impl Script {
 impl HandMotion for Script {
     fn target(&self, time_s: f64) -> Target {
         let next = self.moves.partition_point(|m| m.at_s <= time_s).max(1);
-        let Some(Begun { the_move, at_s, from, push }) = self.moves.get(next - 1) else {
+        let Some(Begun { the_move, at_s, from, push, angles }) = self.moves.get(next - 1) else {
             return Target::default();
         };
         let seconds = the_move.seconds();
@@ -212,10 +228,21 @@ impl HandMotion for Script {
             Move::Push { force_n, .. } => push + (force_n - push) * least_jerk(done).0,
             _ => *push,
         };
+        // From rest to rest, also once the move is over.
+        let (angles_rad, rates_rad_per_s) = match *the_move {
+            Move::Turn { angles_rad, .. } => {
+                let ((s, ds), way) = (least_jerk(done), angles_rad - *angles);
+                (*angles + way * s, way * (ds / seconds))
+            }
+            _ => (*angles, DVec3::ZERO),
+        };
         Target {
             position_m: self.place + self.world(*from + way),
             velocity_m_per_s: if time_s > at_s + seconds { DVec3::ZERO } else { self.world(rate) },
             push_n: self.axes[2] * push,
+            angles_rad,
+            rates_rad_per_s,
+            twist_nm: DVec3::ZERO,
         }
     }
 

@@ -1,9 +1,10 @@
 //! Writing a recording.
 
 use super::{Field, Record};
+use crate::wrench::{components, quaternion};
 use crate::{Safety, WorkspaceMap};
 use bytemuck::{Zeroable, bytes_of, bytes_of_mut};
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -15,8 +16,8 @@ const _: () =
 
 /// The first eight bytes.
 pub const MAGIC: [u8; 8] = *b"palprec\n";
-/// The format's number.
-pub(super) const VERSION: u32 = 1;
+/// The format's number. Version 1 has `spare` where version 2 has the handle's angular velocity and `squares_rad2`.
+pub(super) const VERSION: u32 = 2;
 /// No header is longer, bytes.
 pub(super) const HEADER_MAX: u32 = 1 << 20;
 /// Where the text of the block that ends a file begins, and how much of it there is room for, bytes.
@@ -46,6 +47,8 @@ pub struct Header {
     pub safety: Option<Safety>,
     /// The virtual coupling's stiffness, if there was one.
     pub coupling_n_per_m: Option<f64>,
+    /// The same of its rotational spring.
+    pub coupling_nm_per_rad: Option<f64>,
     /// The workspace map at the beginning.
     pub map: Map,
 }
@@ -61,6 +64,7 @@ pub struct BodyFile {
 
 /// A [`WorkspaceMap`] as JSON.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Map {
     /// w x y z, body from device.
     pub rotation: [f64; 4],
@@ -68,6 +72,10 @@ pub struct Map {
     pub scale: f64,
     /// Where the device's origin is in the body, m.
     pub offset_m: [f64; 3],
+    /// Where the tool's tip is in the handle's frame, m.
+    pub tip_in_handle_m: [f64; 3],
+    /// w x y z, handle from tool.
+    pub handle_from_tool: [f64; 4],
     /// The clutch's button.
     pub clutch: Option<u32>,
 }
@@ -80,16 +88,29 @@ impl Default for Map {
 
 impl From<WorkspaceMap> for Map {
     fn from(map: WorkspaceMap) -> Self {
-        let WorkspaceMap { rotation: q, scale, offset_m, clutch } = map;
-        Map { rotation: [q.w, q.x, q.y, q.z], scale, offset_m: offset_m.to_array(), clutch }
+        let WorkspaceMap { rotation, scale, offset_m, tip_in_handle_m, handle_from_tool, clutch } = map;
+        Map {
+            rotation: components(rotation),
+            scale,
+            offset_m: offset_m.to_array(),
+            tip_in_handle_m: tip_in_handle_m.to_array(),
+            handle_from_tool: components(handle_from_tool),
+            clutch,
+        }
     }
 }
 
 impl From<Map> for WorkspaceMap {
     fn from(map: Map) -> Self {
-        let Map { rotation: [w, x, y, z], scale, offset_m, clutch } = map;
-        let offset_m = DVec3::from_array(offset_m);
-        WorkspaceMap { rotation: DQuat::from_xyzw(x, y, z, w), scale, offset_m, clutch }
+        let Map { rotation, scale, offset_m, tip_in_handle_m, handle_from_tool, clutch } = map;
+        WorkspaceMap {
+            rotation: quaternion(rotation),
+            scale,
+            offset_m: DVec3::from_array(offset_m),
+            tip_in_handle_m: DVec3::from_array(tip_in_handle_m),
+            handle_from_tool: quaternion(handle_from_tool),
+            clutch,
+        }
     }
 }
 

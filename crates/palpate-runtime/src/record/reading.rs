@@ -179,8 +179,9 @@ fn header(source: &mut impl Read) -> Result<Header, Problem> {
         return Err(("it is no recording of palpate".into(), "give a file that `palpate run --record` made"));
     }
     let version = word(source, "version")?;
-    if version != VERSION {
-        let problem = format!("it is a recording of version {version}; this program reads version {VERSION}");
+    if !(1..=VERSION).contains(&version) {
+        let problem =
+            format!("it is a recording of version {version}; this program reads versions 1 to {VERSION}");
         return Err((problem, "read it with the palpate that its header names"));
     }
     let length = word(source, "header's length")?;
@@ -194,7 +195,8 @@ fn header(source: &mut impl Read) -> Result<Header, Problem> {
     }
     let envelope: Envelope = serde_json::from_slice(&json).map_err(|e| damaged(e.to_string()))?;
     let (theirs, ours) = (envelope.fields, Record::fields());
-    let same = theirs.len() == ours.len() && theirs.iter().zip(&ours).all(|(a, b)| lies_alike(a, b));
+    let same = theirs.iter().all(|a| is_spare(a) || ours.iter().any(|b| lies_alike(a, b)))
+        && ours.iter().all(|b| theirs.iter().any(|a| lies_alike(a, b) || is_spare(a) && holds(a, b)));
     if envelope.record_bytes as usize != Record::BYTES || !same {
         return Err(damaged("its records are not those of this version".into()));
     }
@@ -203,8 +205,22 @@ fn header(source: &mut impl Read) -> Result<Header, Problem> {
 
 /// Whether a recording's field is one of ours: its meaning may be said in other words, and what is spare have had a name.
 fn lies_alike(theirs: &Field, ours: &Field) -> bool {
-    let named = theirs.name == ours.name || ours.name.starts_with("spare");
+    let named = theirs.name == ours.name || is_spare(ours);
     named && theirs.kind == ours.kind && (theirs.count, theirs.offset) == (ours.count, ours.offset)
+}
+
+fn is_spare(field: &Field) -> bool {
+    field.name.starts_with("spare")
+}
+
+/// Whether one of ours lies where theirs was spare: it was 0.
+fn holds(theirs: &Field, ours: &Field) -> bool {
+    let bytes = |field: &Field| {
+        let from = u64::from(field.offset);
+        from..from + u64::from(field.count) * if field.kind == "u32" { 4 } else { 8 }
+    };
+    let (theirs, ours) = (bytes(theirs), bytes(ours));
+    theirs.start <= ours.start && ours.end <= theirs.end
 }
 
 /// As `read_exact`, but says how much there was.

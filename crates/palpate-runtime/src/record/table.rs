@@ -4,7 +4,7 @@ use super::{Field, Record};
 use bytemuck::bytes_of;
 
 /// What a name may end in as a unit; a vector's component stands before it, as in `x_m`.
-const UNITS: [&str; 4] = ["_m_per_s", "_nm", "_m", "_n"];
+const UNITS: [&str; 5] = ["_rad_per_s", "_m_per_s", "_nm", "_m", "_n"];
 /// What is of the file, not of the loop.
 const FILE: [&str; 5] = ["kind", "spare", "spare_half", "spare_word", "crc"];
 
