@@ -14,8 +14,8 @@ use palpate_device::{Capabilities, Device, EmergencyStop, Fault, OpenError, Samp
 use palpate_engine::Flags;
 use palpate_runtime::motion::MotionScript;
 use palpate_runtime::{
-    Ending, HeldDevice, Patience, WorkspaceSettings, PreparedSession, RealTime, Record, Recording, RecordingFile,
-    Safety, SessionBody, SessionConfig,
+    Ending, HeldDevice, Patience, PreparedSession, RealTime, Record, Recording, RecordingFile, Safety,
+    SessionBody, SessionConfig, WorkspaceSettings,
 };
 use serde_json::Value;
 use std::fs;
@@ -416,7 +416,10 @@ fn a_device_that_fails_ends_its_own_loop_alone_and_a_panic_takes_the_force_off_f
         let config = SessionConfig {
             seconds: Some(held.script.duration_s()),
             safety: Safety { soft_start_s: 0.05, silence_s: Some(1.0), ..Safety::default() },
-            workspace: WorkspaceSettings { offset_m: Some(held.map.offset_m.to_array()), ..WorkspaceSettings::default() },
+            workspace: WorkspaceSettings {
+                offset_m: Some(held.map.offset_m.to_array()),
+                ..WorkspaceSettings::default()
+            },
             patience: Patience { late_s: 10.0, pose_s: 10.0, finder_s: 10.0, ..Patience::default() },
             real_time: RealTime { priority: None, core: None, ..RealTime::default() },
             ..SessionConfig::default()

@@ -81,7 +81,7 @@ mod watch;
 mod wrench;
 
 pub use closed_loop::{HapticLoop, Period, Port};
-pub use config::{ClockChoice, History, WorkspaceSettings, SessionConfig};
+pub use config::{ClockChoice, History, SessionConfig, WorkspaceSettings};
 pub use controls::{ControlError, Controls};
 pub use coupling::Coupling;
 pub use cycle::Cycle;

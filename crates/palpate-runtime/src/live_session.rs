@@ -1,6 +1,6 @@
 //! A session that a program owns: a body, a device, a configuration; read and steered while it runs.
 
-use crate::config::{ClockChoice, WorkspaceSettings, SessionConfig};
+use crate::config::{ClockChoice, SessionConfig, WorkspaceSettings};
 use crate::controls::{BodyChange, Change, ControlError, Controls, controls};
 use crate::device_choice::DeviceChoice;
 use crate::motion::{MotionScript, top};
