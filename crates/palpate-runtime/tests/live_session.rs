@@ -142,8 +142,8 @@ fn a_program_reads_steers_and_ends_its_session() {
         session.latest().map_or(0.0, |r| lateral(&r))
     });
     assert!(most.fold(0.0, f64::max) < 0.01 && slippery.friction_scale == 0.0);
-    session.set_slip_rule(SlipRule::Paper).unwrap();
-    when(&session, |r| is_steady(r) && r.slip_rule() == Some(SlipRule::Paper));
+    session.set_slip_rule(SlipRule::Exact).unwrap();
+    when(&session, |r| is_steady(r) && r.slip_rule() == Some(SlipRule::Exact));
 
     let history = session.history();
     assert!(
