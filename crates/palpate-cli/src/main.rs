@@ -1,6 +1,6 @@
 //! The `palpate` command.
 
-use clap::Parser;
+use clap::{CommandFactory as _, Parser};
 use palpate_cli::commands::{self, Failure};
 use std::process::ExitCode;
 
@@ -23,8 +23,11 @@ enum Command {
     Certify(commands::certify::Args),
     Trace(commands::trace::Args),
     Run(Box<commands::run::Args>),
+    Devices(commands::devices::Args),
     Export(commands::export::Args),
     Bench(commands::bench::Args),
+    Completions(commands::shell::CompletionsArgs),
+    Man(commands::shell::ManArgs),
 }
 
 fn main() -> ExitCode {
@@ -39,8 +42,11 @@ fn main() -> ExitCode {
         Command::Certify(args) => commands::certify::run(&args),
         Command::Trace(args) => commands::trace::run(&args),
         Command::Run(args) => commands::run::run(&args),
+        Command::Devices(args) => commands::devices::run(&args),
         Command::Export(args) => commands::export::run(&args),
         Command::Bench(args) => commands::bench::run(&args),
+        Command::Completions(args) => commands::shell::completions(&args, Cli::command()),
+        Command::Man(args) => commands::shell::man(&args, Cli::command()),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

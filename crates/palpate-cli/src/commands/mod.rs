@@ -3,6 +3,7 @@
 pub mod bench;
 pub mod certify;
 pub mod demo;
+pub mod devices;
 pub mod export;
 pub mod fit;
 pub mod inspect;
@@ -10,6 +11,7 @@ pub mod merge;
 pub mod precompute;
 pub mod run;
 mod run_options;
+pub mod shell;
 pub mod trace;
 pub mod validate;
 
