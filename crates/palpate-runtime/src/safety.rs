@@ -34,7 +34,7 @@ pub struct Safety {
 }
 
 /// The largest force where none is given, N: below the largest of every device in the table, and what fingers that hold a pen
-/// lightly resist. A maker's largest force (20 N and more) throws a handle of 0.2 kg that nobody holds firmly.
+/// lightly resist. A maker's largest force (12 to 20 N) throws a handle of 0.2 kg that nobody holds firmly.
 pub const GENTLE_N: f64 = 3.0;
 /// How long a pose may stay the same, s: as long as drivers and devices wait for a command.
 const STALE: f64 = 0.02;
