@@ -400,6 +400,7 @@ fn prepare(
         device: name.clone(),
         safety: Some(safety),
         coupling_n_per_m: *coupling_n_per_m,
+        coupling_nm_per_rad: None,
         map: map.into(),
     };
     let file = record.map(|path| RecordingFile::create(path, false, &header())).transpose()?;
