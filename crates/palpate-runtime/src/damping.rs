@@ -108,6 +108,28 @@ mod tests {
         assert_eq!(told, Wrench { force: DVec3::new(0.0, -1.0, 0.0), torque: DVec3::new(-0.2, 0.0, 0.0) });
     }
 
+    /// A handle of 0.2 kg, let go at 1 m/s, with the velocity averaged over 20 ms: what is allowed for that delay brings it to
+    /// rest; what a period's delay would allow throws it to and fro, ever faster.
+    #[test]
+    fn what_is_allowed_for_an_averaged_velocity_calms() {
+        let mut device = palpate_device::presets::device("omega").unwrap();
+        device.velocity_delay_s = Some(palpate_device::Figure::chosen(0.01));
+        let (mass, period) = (device.mechanics.mass_kg.value, 1e-3);
+        let run = |coefficient: f64| {
+            let mut damping = Damping::new(coefficient);
+            let mut velocities = vec![1.0; 20];
+            for k in 0..1000 {
+                let average = velocities[k..].iter().sum::<f64>() / 20.0;
+                let force = damping.force(0.0, DVec3::ZERO, Some([average, 0.0, 0.0]));
+                velocities.push(velocities[k + 19] + force.x / mass * period);
+            }
+            velocities
+        };
+        let calm = run(0.5 * mass / Damping::delay_s(&device, period));
+        assert!(calm.iter().all(|v| (-0.05..=1.0).contains(v)) && calm[1019].abs() < 1e-6);
+        assert!(run(0.5 * mass / period)[1019].abs() > 1e3);
+    }
+
     /// A step of an encoder, 0.05 mm, is a pulse of a quarter of what the bare difference would give.
     #[test]
     fn an_encoders_step_is_smoothed() {

@@ -15,14 +15,14 @@ use std::ptr;
 /// # use palpate_runtime::Mailbox;
 /// # use std::rc::Rc;
 /// let mailbox = Mailbox::<Rc<u32>>::default();
-/// std::thread::scope(|scope| scope.spawn(|| mailbox.take()).join());
+/// std::thread::scope(|scope| scope.spawn(|| drop(mailbox.take())).join());
 /// ```
 ///
 /// ```
 /// # use palpate_runtime::Mailbox;
 /// # use std::sync::Arc;
 /// let mailbox = Mailbox::<Arc<u32>>::default();
-/// std::thread::scope(|scope| scope.spawn(|| mailbox.take()).join()).unwrap();
+/// std::thread::scope(|scope| scope.spawn(|| drop(mailbox.take())).join()).unwrap();
 /// ```
 #[derive(Debug)]
 pub struct Mailbox<T> {

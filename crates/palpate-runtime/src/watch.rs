@@ -148,6 +148,11 @@ mod tests {
         assert_eq!(watch.end(0.0095, 7, None), None);
         assert_eq!(watch.end(0.0096, 8, None), None);
         assert!(matches!(watch.end(0.02, 8, None), Some(Alarm::Stale(_))));
+        // Long after the clock's zero as well.
+        let mut late = Watch::new(patience);
+        assert_eq!(late.end(5.0, 7, None), None);
+        assert_eq!(late.end(5.0099, 7, None), None);
+        assert!(matches!(late.end(5.0101, 7, None), Some(Alarm::Stale(s)) if s < 0.011));
         for fault in [Fault::TimedOut, Fault::Garbled] {
             assert_eq!(watch.end(0.1, 9, Some(fault)), None);
             assert_eq!(watch.end(0.1, 9, Some(fault)), None);

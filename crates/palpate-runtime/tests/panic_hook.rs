@@ -90,7 +90,7 @@ fn pressing() -> (Session, Arc<Motors>, Receiver<f64>, std::sync::mpsc::Sender<(
         stopper.stop_at_once("a panic");
         saw.lock().unwrap().send(seen_by.force.lock().unwrap().length()).unwrap();
         // Standard error, of which nobody reads.
-        let _ = unread.lock().unwrap().recv();
+        let _ = unread.lock().unwrap().recv_timeout(Duration::from_secs(20));
     }));
     let session = prepared.start().unwrap();
     let begun = Instant::now();
