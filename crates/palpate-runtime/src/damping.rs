@@ -120,7 +120,8 @@ mod tests {
             let mut velocities = vec![1.0; 20];
             for k in 0..1000 {
                 let average = velocities[k..].iter().sum::<f64>() / 20.0;
-                let force = damping.force(0.0, DVec3::ZERO, Some([average, 0.0, 0.0]));
+                let sample = Sample { velocity_m_per_s: Some([average, 0.0, 0.0]), ..Sample::default() };
+                let force = damping.wrench(0.0, Placement::default(), &sample).force;
                 velocities.push(velocities[k + 19] + force.x / mass * period);
             }
             velocities
