@@ -72,20 +72,18 @@ struct State<'a> {
     flags: Vec<&'static str>,
 }
 
-/// Runs all sessions until each has ended, or a signal comes; `refused` is what none of them could have. A panic anywhere in the program takes all forces off before a
+/// Runs all sessions until each has ended, or a signal comes. A panic anywhere in the program takes all forces off before a
 /// word of it is written.
 ///
 /// # Errors
 /// What can't be begun: everything that was begun is ended then.
 pub fn run(
     sessions: Vec<PreparedSession>,
-    refused: Option<String>,
     is_asked: &dyn Fn() -> bool,
     json: bool,
     stream_hz: Option<f64>,
 ) -> Result<Vec<Told>> {
     let teller = Teller::start(json)?;
-    refused.into_iter().for_each(|note| teller.tell(News::Note(note)));
     for session in &sessions {
         let device = session.capabilities().name.to_string();
         for note in session.notes().iter().cloned().chain(session.advice().map(String::from)) {

@@ -429,7 +429,7 @@ fn a_device_that_fails_ends_its_own_loop_alone_and_a_panic_takes_the_force_off_f
         let leaving = Leaving { device: Box::new(held.device), log: log.clone(), other, is_first, alone: 0 };
         PreparedSession::with_device(body.clone(), Box::new(leaving), config, None).unwrap()
     });
-    let ended = live::run(sessions.collect(), None, &|| false, false, None).unwrap();
+    let ended = live::run(sessions.collect(), &|| false, false, None).unwrap();
     let _ = std::panic::take_hook();
     let [gone, other] = &ended[..] else { panic!("{ended:?}") };
     assert_eq!((gone.end.as_str(), gone.well), ("the device is gone", false));
@@ -579,7 +579,7 @@ fn the_limit_and_the_watchdog_reach_the_vendors_library() {
     assert!(code == Some(0) && said.contains("nothing takes the force off"), "{said}");
     assert!(calls.contains("enable(1, 5)"));
     let (code, said, calls) = run("--without-device-watchdog --strict", "-1");
-    assert!(code == Some(1) && said.contains("--strict: omega.3: its watchdog can't be armed"), "{said}");
+    assert!(code == Some(3) && said.contains("--strict: omega.3: its watchdog can't be armed"), "{said}");
     assert!(!calls.contains("enable(1"), "{calls}");
 }
 
@@ -595,7 +595,7 @@ fn what_could_not_be_had_is_told_first_or_an_error() {
     let output = directory.run(&format!("{run} --strict --record a.rec"));
     assert_eq!(output.status.code(), Some(if refused { 3 } else { 0 }), "{}", said(&output));
     if refused {
-        assert!(said(&output).contains("--strict: "), "{}", said(&output));
+        assert!(said(&output).contains("--strict: 3D Systems Touch: "), "{}", said(&output));
         assert!(!directory.path("a.rec").exists());
     }
     // A body that is as stiff as no Touch is, by the longer way that it is seen on.

@@ -1,6 +1,6 @@
 //! Viscous damping, −b v and −b_θ ω, of the device: takes energy out of the hand's motion, in contact and free.
 
-use crate::wrench::{Placement, Wrench};
+use crate::wrench::{Placement, Wrench, rotation_between};
 use glam::DVec3;
 use palpate_device::{Capabilities, Sample};
 
@@ -53,21 +53,26 @@ impl Damping {
 
     /// What damps a handle that is at `placement`, `now` (s), with the velocities that `sample` reports or none.
     pub(crate) fn wrench(&mut self, now: f64, placement: Placement, sample: &Sample) -> Wrench {
-        let passed = self.last.map(|(then, from)| (now - then, from.way_to(&placement)));
-        if let Some((time, way)) = passed.filter(|(time, _)| *time > 0.0) {
-            // First order: v' = (Δx/Δt − v)/τ, one implicit step.
-            self.velocity += (way.translation - self.velocity * time) / (SMOOTHING + time);
-            self.angular_velocity += (way.rotation - self.angular_velocity * time) / (SMOOTHING + time);
+        let passed = self.last.replace((now, placement)).filter(|(then, _)| now > *then);
+        // First order: v' = (Δx/Δt − v)/τ, one implicit step.
+        let smooth = |v: &mut DVec3, way: DVec3, time: f64| *v += (way - *v * time) / (SMOOTHING + time);
+        let mut wrench = Wrench::default();
+        if self.coefficient != 0.0 {
+            if let Some((then, from)) = passed {
+                smooth(&mut self.velocity, placement.position - from.position, now - then);
+            }
+            let velocity = sample.velocity_m_per_s.map_or(self.velocity, DVec3::from_array);
+            wrench.force = -self.coefficient * velocity;
         }
-        self.last = Some((now, placement));
-        let velocity = sample.velocity_m_per_s.map_or(self.velocity, DVec3::from_array);
-        let angular = sample.angular_velocity_rad_per_s.map_or(self.angular_velocity, DVec3::from_array);
-        // Zero times a velocity that is NaN or infinite is not zero.
-        let against = |b: f64, v: DVec3| if b == 0.0 { DVec3::ZERO } else { -b * v };
-        Wrench {
-            force: against(self.coefficient, velocity),
-            torque: against(self.angular_coefficient, angular),
+        if self.angular_coefficient != 0.0 {
+            if let Some((then, from)) = passed {
+                let turned = rotation_between(from.orientation, placement.orientation);
+                smooth(&mut self.angular_velocity, turned, now - then);
+            }
+            let velocity = sample.angular_velocity_rad_per_s.map_or(self.angular_velocity, DVec3::from_array);
+            wrench.torque = -self.angular_coefficient * velocity;
         }
+        wrench
     }
 }
 
@@ -115,7 +120,8 @@ mod tests {
             let mut velocities = vec![1.0; 20];
             for k in 0..1000 {
                 let average = velocities[k..].iter().sum::<f64>() / 20.0;
-                let force = damping.force(0.0, DVec3::ZERO, Some([average, 0.0, 0.0]));
+                let sample = Sample { velocity_m_per_s: Some([average, 0.0, 0.0]), ..Sample::default() };
+                let force = damping.wrench(0.0, Placement::default(), &sample).force;
                 velocities.push(velocities[k + 19] + force.x / mass * period);
             }
             velocities

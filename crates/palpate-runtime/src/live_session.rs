@@ -415,15 +415,15 @@ pub struct Outcome {
 }
 
 impl PreparedSession {
-    /// Opens the device and lays out the first patch. `memory` keeps the program in RAM for all sessions that share it; without
-    /// it, and where the configuration asks for one, the session has a lock of its own and gives it back at its end.
+    /// Opens the device and lays out the first patch. `memory` is what [`MemoryLock::new`] gave for all sessions side by side;
+    /// without it, and where the configuration asks for one, the session has a lock of its own and gives it back at its end.
     ///
     /// # Errors
     /// See [`SessionError`]. What was opened is closed again.
     pub fn new(
         body: SessionBody,
         config: SessionConfig,
-        memory: Option<MemoryLock>,
+        memory: Option<Result<MemoryLock, String>>,
     ) -> Result<Self, SessionError> {
         config.check()?;
         if config.clock == ClockChoice::Virtual {
@@ -443,7 +443,7 @@ impl PreparedSession {
         body: SessionBody,
         device: Box<dyn Device>,
         config: SessionConfig,
-        memory: Option<MemoryLock>,
+        memory: Option<Result<MemoryLock, String>>,
     ) -> Result<Self, SessionError> {
         config.check()?;
         let source = Source { device, map: None, seconds: None, is_replay: false };
@@ -454,7 +454,7 @@ impl PreparedSession {
         body: SessionBody,
         source: Source,
         config: SessionConfig,
-        memory: Option<MemoryLock>,
+        memory: Option<Result<MemoryLock, String>>,
     ) -> Result<Self, SessionError> {
         let Source { device, map, seconds, is_replay } = source;
         let mut device = Opened::new(device)?;
@@ -485,8 +485,9 @@ impl PreparedSession {
         if is_replay {
             settings.patience.pose_s = f64::INFINITY;
         }
-        let session =
+        let mut session =
             Session::prepare_with(body.source.clone(), device, haptics, recorder, settings, Some(inbox))?;
+        let memory = memory.and_then(|shared| shared.map_err(|refused| session.note(refused)).ok());
         if config.strict && !session.notes().is_empty() {
             let refused = session.notes().to_vec();
             return Err(SessionError::Strict { device: capabilities.name.to_string(), refused });

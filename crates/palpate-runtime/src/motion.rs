@@ -5,7 +5,7 @@ use glam::DVec3;
 use palpate_body::{BodySource, ContactModel, Extent};
 use palpate_device::simulated::figures::{self, Allowed};
 use palpate_device::simulated::{Hand, Move, Script};
-use palpate_device::{Capabilities, Figure};
+use palpate_device::{Capabilities, Figure, Wrist};
 use palpate_files::{List, Source, read_text};
 use serde::Deserialize;
 use std::ops::Range;
@@ -60,6 +60,12 @@ struct RawHand {
     mass_kg: f64,
     damping_n_s_per_m: f64,
     stiffness_n_per_m: f64,
+    #[serde(default)]
+    inertia_kg_m2: f64,
+    #[serde(default)]
+    damping_nm_s_per_rad: f64,
+    #[serde(default)]
+    stiffness_nm_per_rad: f64,
 }
 
 /// Figures that replace a preset's.
@@ -74,6 +80,12 @@ struct RawDevice {
     lag_ms: Option<f64>,
     slew_n_per_s: Option<f64>,
     max_force_n: Option<f64>,
+    inertia_kg_m2: Option<f64>,
+    damping_nm_s_per_rad: Option<f64>,
+    coulomb_nm: Option<f64>,
+    resolution_mrad: Option<f64>,
+    slew_nm_per_s: Option<f64>,
+    max_torque_nm: Option<f64>,
 }
 
 #[derive(Deserialize)]
@@ -112,6 +124,10 @@ enum RawMove {
         force_n: f64,
         seconds: f64,
     },
+    Turn {
+        angles_deg: List<3>,
+        seconds: f64,
+    },
 }
 
 fn one() -> f64 {
@@ -129,6 +145,8 @@ fn nine() -> f64 {
 
 /// Lengths that an operator can mean, mm: 10 m.
 const LENGTH_MM: f64 = 1e4;
+/// Angles that an operator can mean, degrees: ten turns.
+const ANGLE_DEG: f64 = 3600.0;
 /// The hand's aim is followed in stretches of a millisecond: this many Hz take four of them a turn.
 const FREQUENCY_HZ: f64 = 250.0;
 
@@ -164,6 +182,9 @@ impl RawMove {
                 vec![("tremor_mm", tremor_mm, length), ("tremor_hz", tremor_hz, up_to(FREQUENCY_HZ))]
             }
             RawMove::Push { force_n, .. } => vec![("force_n", force_n, within(figures::FORCE_N.most))],
+            RawMove::Turn { angles_deg: List(degrees), .. } => {
+                degrees.map(|angle| ("angles_deg", angle, within(ANGLE_DEG))).to_vec()
+            }
         });
         figures
     }
@@ -183,6 +204,9 @@ impl RawMove {
                 Move::Hold { tremor_m: m(tremor_mm), tremor_hz, seconds }
             }
             RawMove::Push { force_n, seconds } => Move::Push { force_n, seconds },
+            RawMove::Turn { angles_deg: List(degrees), seconds } => {
+                Move::Turn { angles_rad: DVec3::from_array(degrees.map(f64::to_radians)), seconds }
+            }
         }
     }
 }
@@ -252,8 +276,15 @@ impl MotionScript {
             clearance_m: start.clearance_mm.map_or(CLEARANCE, |mm| mm * 1e-3),
             moves: raw.moves.iter().map(|m| m.get_ref().si()).collect(),
             hand: raw.hand.map(|h| {
-                let RawHand { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = h.into_inner();
-                Hand { mass_kg, damping_n_s_per_m, stiffness_n_per_m, ..Hand::default() }
+                let h = h.into_inner();
+                Hand {
+                    mass_kg: h.mass_kg,
+                    damping_n_s_per_m: h.damping_n_s_per_m,
+                    stiffness_n_per_m: h.stiffness_n_per_m,
+                    inertia_kg_m2: h.inertia_kg_m2,
+                    damping_nm_s_per_rad: h.damping_nm_s_per_rad,
+                    stiffness_nm_per_rad: h.stiffness_nm_per_rad,
+                }
             }),
             device: raw.device.map(Spanned::into_inner).unwrap_or_default(),
             start_place,
@@ -273,6 +304,41 @@ impl MotionScript {
             (&mut m.lag_s, d.lag_ms.map(|ms| ms * 1e-3)),
             (&mut m.slew_n_per_s, d.slew_n_per_s),
             (&mut capabilities.max_force_n, d.max_force_n),
+        ] {
+            if let Some(value) = value {
+                *figure = Figure::chosen(value);
+            }
+        }
+        self.adjust_wrist(capabilities);
+    }
+
+    /// A device whose rotational inertia is told has a handle that turns; one whose largest torque is told drives it.
+    fn adjust_wrist(&self, capabilities: &mut Capabilities) {
+        let d = &self.device;
+        if d.inertia_kg_m2.is_some() {
+            capabilities.sensed.rotations = 3;
+        }
+        if let Some(most) = d.max_torque_nm {
+            capabilities.max_torque_nm = Some(Figure::chosen(most));
+            capabilities.driven.rotations = 3;
+        }
+        let figures =
+            [d.inertia_kg_m2, d.damping_nm_s_per_rad, d.coulomb_nm, d.resolution_mrad, d.slew_nm_per_s];
+        if figures.iter().all(Option::is_none) {
+            return;
+        }
+        let wrist = capabilities.mechanics.wrist.get_or_insert_with(|| {
+            let [inertia_kg_m2, damping_nm_s_per_rad, coulomb_nm, resolution_rad] =
+                std::array::from_fn(|_| Figure::chosen(0.0));
+            let slew_nm_per_s = Figure::chosen(f64::INFINITY);
+            Wrist { inertia_kg_m2, damping_nm_s_per_rad, coulomb_nm, resolution_rad, slew_nm_per_s }
+        });
+        for (figure, value) in [
+            (&mut wrist.inertia_kg_m2, d.inertia_kg_m2),
+            (&mut wrist.damping_nm_s_per_rad, d.damping_nm_s_per_rad),
+            (&mut wrist.coulomb_nm, d.coulomb_nm),
+            (&mut wrist.resolution_rad, d.resolution_mrad.map(|mrad| mrad * 1e-3)),
+            (&mut wrist.slew_nm_per_s, d.slew_nm_per_s),
         ] {
             if let Some(value) = value {
                 *figure = Figure::chosen(value);
@@ -318,11 +384,14 @@ impl RawStart {
 }
 
 impl RawHand {
-    fn figures(&self) -> [(&'static str, f64, Allowed); 3] {
+    fn figures(&self) -> [(&'static str, f64, Allowed); 6] {
         [
             ("mass_kg", self.mass_kg, figures::MASS_KG),
             ("damping_n_s_per_m", self.damping_n_s_per_m, figures::DAMPING_N_S_PER_M),
             ("stiffness_n_per_m", self.stiffness_n_per_m, figures::STIFFNESS_N_PER_M),
+            ("inertia_kg_m2", self.inertia_kg_m2, figures::INERTIA_KG_M2),
+            ("damping_nm_s_per_rad", self.damping_nm_s_per_rad, figures::DAMPING_NM_S_PER_RAD),
+            ("stiffness_nm_per_rad", self.stiffness_nm_per_rad, figures::STIFFNESS_NM_PER_RAD),
         ]
     }
 }
@@ -332,7 +401,8 @@ impl RawDevice {
     fn figures(&self) -> Vec<(&'static str, f64, Allowed)> {
         // Without a mass of its own a device can't be integrated in an empty hand.
         let mass = Allowed { none: false, ..figures::MASS_KG };
-        let (mm, ms) = (1e-3, 1e-3);
+        let inertia = Allowed { none: false, ..figures::INERTIA_KG_M2 };
+        let (mm, ms, mrad) = (1e-3, 1e-3, 1e-3);
         [
             ("mass_kg", self.mass_kg, mass),
             ("damping_n_s_per_m", self.damping_n_s_per_m, figures::DAMPING_N_S_PER_M),
@@ -342,6 +412,12 @@ impl RawDevice {
             ("lag_ms", self.lag_ms, figures::LAG_S.per(ms)),
             ("slew_n_per_s", self.slew_n_per_s, figures::SLEW_N_PER_S),
             ("max_force_n", self.max_force_n, figures::FORCE_N),
+            ("inertia_kg_m2", self.inertia_kg_m2, inertia),
+            ("damping_nm_s_per_rad", self.damping_nm_s_per_rad, figures::DAMPING_NM_S_PER_RAD),
+            ("coulomb_nm", self.coulomb_nm, figures::TORQUE_NM),
+            ("resolution_mrad", self.resolution_mrad, figures::RESOLUTION_RAD.per(mrad)),
+            ("slew_nm_per_s", self.slew_nm_per_s, figures::SLEW_NM_PER_S),
+            ("max_torque_nm", self.max_torque_nm, figures::TORQUE_NM),
         ]
         .into_iter()
         .filter_map(|(key, value, allowed)| Some((key, value?, allowed)))
@@ -375,4 +451,57 @@ pub fn top(body: &dyn BodySource) -> Result<DVec3> {
         }
     }
     Ok(highest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_device::presets;
+
+    fn read(text: &str) -> Result<MotionScript> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("a.toml");
+        std::fs::write(&path, text)?;
+        MotionScript::read(&path)
+    }
+
+    const TURN: &str = "[[move]]\nkind = \"turn\"\nangles_deg = [0, 90, -30]\nseconds = 1.0\n";
+
+    #[test]
+    fn a_file_turns_the_handle_and_gives_it_a_wrist() {
+        let device = "[device]\ninertia_kg_m2 = 1e-4\nresolution_mrad = 0.2\nmax_torque_nm = 0.3\n";
+        let hand = "[hand]\nmass_kg = 0.01\ndamping_n_s_per_m = 2\nstiffness_n_per_m = 300\nstiffness_nm_per_rad = 0.3\n";
+        let script = read(&[device, hand, TURN].concat()).unwrap();
+        let Move::Turn { angles_rad, .. } = script.moves[0] else { panic!("{:?}", script.moves) };
+        assert!(angles_rad.distance(DVec3::new(0.0, 90f64.to_radians(), -30f64.to_radians())) < 1e-12);
+        let hand = script.hand.unwrap();
+        assert_eq!((hand.stiffness_nm_per_rad, hand.inertia_kg_m2), (0.3, 0.0));
+        let mut bench = presets::device("bench").unwrap();
+        script.adjust(&mut bench);
+        assert_eq!((bench.sensed.rotations, bench.driven.rotations), (3, 3));
+        assert_eq!(bench.max_torque_nm.as_ref().unwrap().value, 0.3);
+        let wrist = bench.mechanics.wrist.as_ref().unwrap();
+        assert_eq!((wrist.inertia_kg_m2.value, wrist.resolution_rad.value), (1e-4, 0.2e-3));
+        assert!(figures::check(&bench, &hand).is_ok());
+        // Without figures of a wrist a device stays as it is.
+        let mut touch = presets::device("touch").unwrap();
+        read(TURN).unwrap().adjust(&mut touch);
+        assert_eq!(touch, presets::device("touch").unwrap());
+    }
+
+    #[test]
+    fn what_no_wrist_is_or_does_is_refused_with_its_line() {
+        for (wrong, says) in [
+            ("[device]\ninertia_kg_m2 = 0\n", "a.toml:2: inertia_kg_m2 is 0"),
+            ("[device]\ncoulomb_nm = -1\n", "a.toml:2: coulomb_nm is -1"),
+            (
+                "[hand]\nmass_kg = 0\ndamping_n_s_per_m = 0\nstiffness_n_per_m = 0\ninertia_kg_m2 = nan\n",
+                "inertia_kg_m2 is NaN",
+            ),
+            ("[[move]]\nkind = \"turn\"\nangles_deg = [0, 0, 4000]\nseconds = 1\n", "angles_deg is 4000"),
+        ] {
+            let error = read(&[wrong, TURN].concat()).unwrap_err().to_string();
+            assert!(error.contains(says), "{error}");
+        }
+    }
 }

@@ -315,6 +315,9 @@ mod tests {
             safety.stages(&sigma, 1000.0).unwrap().torque.most()
         };
         assert_eq!([most(None), most(Some(0.3)), most(Some(5.0))], [GENTLE_NM, 0.3, 0.4]);
+        let stages = Safety { passivity: true, ..Safety::default() }.stages(&sigma, 1000.0).unwrap();
+        assert_eq!(stages.guard, PoseGuard::new(10.0, STALE).with_turn_max(100.0));
+        assert_eq!(stages.passivity, Some(PassivityController::new(1e-3, 0.35).with_inertia(1e-4)));
         // 1e-4 kg·m² over 1 ms, twice 0.2 ms and the smoothing's 3 ms.
         let allowed = |damping_nm_s_per_rad| {
             Safety { damping_nm_s_per_rad, ..Safety::default() }.stages(&sigma, 1000.0).map(|s| s.damping)

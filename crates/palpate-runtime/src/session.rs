@@ -260,6 +260,11 @@ impl Prepared {
         &self.notes
     }
 
+    /// One more.
+    pub(crate) fn note(&mut self, note: String) {
+        self.notes.push(note);
+    }
+
     /// Something to stop it with, now and when it runs.
     pub fn stopper(&self) -> Stopper {
         self.session.stopper()

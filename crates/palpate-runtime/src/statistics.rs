@@ -18,6 +18,8 @@ pub struct Statistics {
     times: [Times; 5],
     overruns: u64,
     touching: u64,
+    /// The largest force and torque that were commanded, squared.
+    largest: [f64; 2],
     stages: StageCounts,
     periods: u64,
     last: Option<Record>,
@@ -81,6 +83,10 @@ pub struct Summary {
     pub generated_j: f64,
     /// Given out at the engine's port, J.
     pub out_j: f64,
+    /// The largest force that was commanded, N.
+    pub force_max_n: f64,
+    /// The largest torque, N·m.
+    pub torque_max_nm: f64,
 }
 
 impl Times {
@@ -111,6 +117,7 @@ impl Statistics {
             times: std::array::from_fn(|_| Times::new()),
             overruns: 0,
             touching: 0,
+            largest: [0.0; 2],
             stages: StageCounts::default(),
             periods: 0,
             last: None,
@@ -130,6 +137,9 @@ impl Statistics {
         read.add(record.read_ns.into());
         write.add(record.write_ns.into());
         self.overruns += u64::from(late > self.period_ns);
+        for (largest, v) in self.largest.iter_mut().zip([record.command_force_n, record.command_torque_nm]) {
+            *largest = largest.max(v.iter().map(|x| x * x).sum());
+        }
         self.touching += u64::from(record.engine().has(Flags::IN_CONTACT));
         self.stages.add(record.stages());
         self.periods += 1;
@@ -157,6 +167,8 @@ impl Statistics {
             dissipated_j: last.dissipated_j,
             generated_j: last.generated_j,
             out_j: last.out_j,
+            force_max_n: self.largest[0].sqrt(),
+            torque_max_nm: self.largest[1].sqrt(),
             ..times
         }
     }
@@ -177,6 +189,8 @@ mod tests {
             engine_flags: (k % 2) as u32,
             stage_flags: StageFlags::STEPPED.bits(),
             work_j: k as f64,
+            command_force_n: [0.0, 3.0 * (k % 7) as f64, 4.0 * (k % 7) as f64],
+            command_torque_nm: [0.0, 0.0, -0.01 * (k % 5) as f64],
             minor_faults: 3,
             ..Record::zeroed()
         }
@@ -192,6 +206,7 @@ mod tests {
         assert_eq!(summary.period_ns.p50, 1_000_000);
         assert_eq!(summary.lateness_ns, Percentiles { p50: 0, p99: 0, p99_9: 1_000_001, max: 1_000_001 });
         assert_eq!((summary.periods, summary.overruns, summary.periods_in_contact), (1000, 10, 500));
+        assert_eq!((summary.force_max_n, summary.torque_max_nm), (30.0, 0.04));
         assert_eq!((summary.work_j, summary.minor_page_faults), (999.0, 3));
         assert_eq!(summary.stages, BTreeMap::from([("stepped", 1000)]));
     }

@@ -51,6 +51,7 @@ impl From<Placement> for ToolState {
 
 impl Placement {
     /// From here to `next`.
+    #[inline]
     pub fn way_to(&self, next: &Placement) -> Displacement {
         Displacement {
             translation: next.position - self.position,
@@ -69,10 +70,13 @@ impl Wrench {
 }
 
 /// The rotation vector, rad, that leads from one orientation to the other, at most half a turn; its frame is theirs.
+#[inline]
 pub(crate) fn rotation_between(from: [f64; 4], to: [f64; 4]) -> DVec3 {
-    if from == to {
-        return DVec3::ZERO;
-    }
+    // Most handles don't turn.
+    if from == to { DVec3::ZERO } else { turned_between(from, to) }
+}
+
+fn turned_between(from: [f64; 4], to: [f64; 4]) -> DVec3 {
     let q = quaternion(to) * quaternion(from).conjugate();
     let q = if q.w < 0.0 { -q } else { q };
     let sine = q.xyz().length();

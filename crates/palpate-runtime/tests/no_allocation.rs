@@ -7,7 +7,7 @@ use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use common::{plane, shape, with_field};
 use glam::DVec3;
 use palpate_body::shape::Shape;
-use palpate_device::simulated::{Move, Script};
+use palpate_device::simulated::{Hand, Move, Script};
 use palpate_device::{Device, Fault, Simulated, presets};
 use palpate_engine::{Contact, Flags};
 use palpate_runtime::{
@@ -25,24 +25,29 @@ fn a_period_allocates_nothing() {
     let moves = [
         Move::Press { depth_m: 5e-3, seconds: 0.2 },
         Move::Drag { along_m: 0.02, across_m: 5e-3, seconds: 0.4 },
+        Move::Turn { angles_rad: DVec3::new(0.1, 0.2, 0.3), seconds: 0.2 },
         Move::Tap { depth_m: -8e-3, times: 3, seconds: 0.4 },
         Move::Hold { tremor_m: 3e-4, tremor_hz: 9.0, seconds: 0.3 },
     ];
-    let script = Script::new(DVec3::new(1e-3, 2e-3, 0.0), 1e-3, -DVec3::Z, DVec3::X, &moves).unwrap();
+    // The handle is above its tip.
+    let script = Script::new(DVec3::new(1e-3, 2e-3, 0.05), 1e-3, -DVec3::Z, DVec3::X, &moves).unwrap();
     let (hand, _) = presets::hand("fingers").unwrap();
-    let mut device = Simulated::new(presets::device("touch").unwrap(), hand, Box::new(script));
+    let hand = Hand { stiffness_nm_per_rad: 0.3, damping_nm_s_per_rad: 2e-3, ..hand };
+    let mut device = Simulated::new(presets::device("sigma").unwrap(), hand, Box::new(script));
     device.open().unwrap();
+    let map = WorkspaceMap { tip_in_handle_m: DVec3::Z * -0.05, ..WorkspaceMap::default() };
     let stages = Stages {
-        coupling: Some(Coupling::new(800.0, 4000.0)),
-        passivity: Some(PassivityController::new(1e-3, 0.055)),
-        damping: Some(Damping::new(0.5)),
+        coupling: Some(Coupling::new(800.0, 4000.0).with_angular(0.5, 1.0)),
+        passivity: Some(PassivityController::new(1e-3, 0.055).with_inertia(1e-4)),
+        damping: Some(Damping::new(0.5).with_angular(1e-3)),
+        torque: Limit::new(0.1, 0.05),
         force: Limit::new(3.3, 1.65),
         ..Stages::default()
     };
-    let mut closed = HapticLoop::new(Contact::new(&body), WorkspaceMap::default(), stages);
+    let mut closed = HapticLoop::new(Contact::new(&body), map, stages);
     let (mut recorder, _records) = ring(1000);
     let mut statistics = Statistics::new(1000.0);
-    let mut touched = 0;
+    let (mut touched, mut twisted) = (0, 0);
     for k in 0..1300u32 {
         let step = assert_no_alloc(|| {
             let step = closed.step(&body, &mut device, f64::from(k) * 1e-3)?;
@@ -54,9 +59,10 @@ fn a_period_allocates_nothing() {
         })
         .unwrap();
         touched += u32::from(step.output.flags.has(Flags::IN_CONTACT));
+        twisted += u32::from(step.command.torque_nm != [0.0; 3]);
         assert!(DVec3::from_array(step.command.force_n).length() <= 3.3);
     }
-    assert!(touched > 300 && recorder.dropped() == 300, "{touched}");
+    assert!(touched > 300 && twisted > 300 && recorder.dropped() == 300, "{touched} {twisted}");
 }
 
 /// What the haptic thread does in a period, with the contact finder's looks in between, which may allocate.

@@ -13,7 +13,7 @@ use palpate_device::simulated::{Hand, Move, Script};
 use palpate_device::{Device, Simulated, presets};
 use palpate_engine::{Contact, Flags};
 use palpate_runtime::{
-    BodyFile, Ending, HapticLoop, Header, Record, RecorderThread, Recording, RecordingFile, Safety,
+    BodyFile, Ending, HapticLoop, Header, Record, RecorderThread, Recording, RecordingFile, Retrace, Safety,
     WorkspaceMap, ring,
 };
 use std::io::{self, Write};
@@ -223,6 +223,59 @@ fn the_faults_in_a_recording_are_what_its_page_says() {
     {
         let (_, said) = about.split_once(&format!(" {code} ")).unwrap();
         assert!(said.split(',').next().unwrap().contains(words), "{about}");
+    }
+}
+
+/// The header of a version-1 file, its JSON changed by `change`, with other records behind it.
+fn version_1(records: &[Record], change: impl Fn(String) -> String) -> Vec<u8> {
+    let there = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/recordings/version-1.rec");
+    let old = std::fs::read(there).unwrap();
+    let length = u32::from_le_bytes(old[12..16].try_into().unwrap()) as usize;
+    let json = change(String::from_utf8(old[16..16 + length].to_vec()).unwrap());
+    let mut bytes = old[..12].to_vec();
+    bytes.extend((json.len() as u32).to_le_bytes());
+    bytes.extend(json.as_bytes());
+    bytes.extend(crc32fast::hash(json.as_bytes()).to_le_bytes());
+    let new = file(records, true);
+    bytes.extend(&new[file(&[], false).len()..]);
+    bytes
+}
+
+/// A device of three axes fills version 2's records as it did version 1's.
+#[test]
+fn a_recording_of_version_1_plays_again_to_the_bit() {
+    let body = plane(600.0, 500.0, 0.3);
+    let records = loop_records(&body);
+    let bytes = version_1(&records, |json| json);
+    let mut recording = Recording::read(&bytes[..], Path::new("a.rec")).unwrap();
+    let mut again = Retrace::new(&body, Contact::new(&body));
+    let mut steps = 0;
+    for (record, written) in recording.by_ref().zip(&records) {
+        assert!(same(&record, written));
+        let Some(output) = again.step(&record).unwrap() else { continue };
+        assert_eq!(output.force_n.map(f64::to_bits), record.force_n.map(f64::to_bits));
+        assert_eq!(output.energy.work_j.to_bits(), record.work_j.to_bits());
+        steps += 1;
+    }
+    assert!(steps > 500, "{steps}");
+}
+
+/// A header is believed about where its fields lie, and refused where that is elsewhere.
+#[test]
+fn a_field_that_lies_elsewhere_is_refused() {
+    let told = |change: fn(String) -> String| {
+        Recording::read(&version_1(&[], change)[..], Path::new("a.rec"))
+            .map(|_| ())
+            .map_err(|e| e.to_string())
+    };
+    assert_eq!(told(|json| json), Ok(()));
+    for change in [
+        |json: String| json.replacen("\"offset\":16,", "\"offset\":17,", 1),
+        |json: String| json.replacen("\"name\":\"time_s\"", "\"name\":\"time_ms\"", 1),
+        |json: String| json.replacen("\"count\":8,", "\"count\":7,", 1),
+    ] {
+        let error = told(change).unwrap_err();
+        assert!(error.contains("its records are not those of this version"), "{error}");
     }
 }
 

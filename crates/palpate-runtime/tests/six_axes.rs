@@ -3,12 +3,13 @@
 
 mod common;
 
-use common::plane;
+use common::faulty::{Faulty, Odds};
+use common::{Random, plane};
 use glam::{DQuat, DVec3};
 use palpate_body::{Body, ContactModel};
 use palpate_device::simulated::{Hand, Move, Script};
 use palpate_device::{
-    Capabilities, Device, Figure, Freedom, Replay, ReplaySample, Simulated, Wrist, presets,
+    Capabilities, Command, Device, Figure, Freedom, Replay, ReplaySample, Simulated, Wrist, presets,
 };
 use palpate_engine::{Contact, Output, ToolState};
 use palpate_runtime::{
@@ -225,6 +226,69 @@ fn the_limits_act_on_torque_as_on_force() {
     assert!(haptics.is_silent());
 }
 
+/// 200 random loops with a device that goes wrong: no torque above its limit, no step above the slew but to zero, silence two
+/// periods after a stop.
+#[test]
+fn no_torque_above_the_limits_whatever_goes_wrong() {
+    let (mut touched, mut nearest) = (0, [0.0f64; 2]);
+    for seed in 0..200 {
+        let mut rng = Random::new(seed);
+        let mut capabilities = six_axes(rng.range(0.0, 1e-3));
+        let safety = Safety {
+            torque_max_nm: Some(rng.range(0.01, 0.3)),
+            soft_start_s: rng.range(0.0, 0.05),
+            passivity: rng.unit() < 0.5,
+            damping_nm_s_per_rad: rng.range(0.0, 5e-3),
+            ..Safety::default()
+        };
+        let mut stages = safety.stages(&capabilities, 1000.0).unwrap();
+        if rng.unit() < 0.3 {
+            stages.coupling = Some(Coupling::new(500.0, 3000.0).with_angular(0.5, 1.0));
+        }
+        let (most, step) = (stages.torque.most(), stages.torque.step());
+        // The loop's limit must hold by itself.
+        capabilities.max_torque_nm = Some(Figure::chosen(100.0));
+        let odds = Odds { no_number: 0.01, frozen: 0.005, jump: 0.005, read_error: 0.01, write_error: 0.01 };
+        let turns =
+            [0; 3].map(|_| turn(rng.range(-1.5, 1.5), rng.range(-1.5, 1.5), rng.range(-3.0, 3.0), 0.1));
+        let mut device = Faulty::new(open(&capabilities, hand(), &turns), odds, seed);
+        let map = WorkspaceMap {
+            scale: rng.range(0.5, 3.0),
+            tip_in_handle_m: DVec3::new(0.0, 0.02, -0.05) * rng.unit(),
+            ..WorkspaceMap::default()
+        };
+        let springs = Springs::new(rng.range(0.0, 3000.0), rng.range(0.1, 2.0));
+        let mut haptics = closed(&springs, map, stages);
+        let stop_at = rng.below(220) as u64;
+        for k in 0..250 {
+            if k == stop_at {
+                haptics.stop();
+            }
+            if k == stop_at + 20 {
+                haptics.resume();
+            }
+            let period = haptics.period(&springs, &mut device, k as f64 * PERIOD);
+            if k > stop_at && k < stop_at + 20 {
+                assert_eq!(period.command, Command::default(), "{seed} {k}");
+            }
+            touched += u32::from(period.command.torque_nm != [0.0; 3]);
+        }
+        let mut before = DVec3::ZERO;
+        for command in &device.taken {
+            let torque = DVec3::from_array(command.torque_nm);
+            let way = if torque == DVec3::ZERO { 0.0 } else { torque.distance(before) };
+            assert!(
+                torque.length() <= most && way <= step * (1.0 + 1e-12),
+                "{seed}: {torque} after {before}"
+            );
+            nearest = [nearest[0].max(torque.length() / most), nearest[1].max(way / step)];
+            before = torque;
+        }
+    }
+    println!("{touched} {nearest:?}");
+    assert!(touched > 20_000 && nearest.iter().all(|n| *n > 0.999), "{touched} {nearest:?}");
+}
+
 /// A force at a tip 5 cm below the handle turns the handle. Where no rotation is driven the torque is left out and counted, and
 /// the controller's book is of what is rendered.
 #[test]
@@ -267,6 +331,26 @@ fn a_force_at_the_tip_is_a_torque_at_the_handle() {
     assert_eq!(go(&capabilities), 0);
     capabilities.driven.rotations = 0;
     assert!(go(&capabilities) > 590);
+}
+
+/// A spring of 1.8 N·m/rad, on which the bare wrist oscillates, is met through one of 0.5 as 0.39, which is quiet: the torque is that
+/// of both in series, and the body's tool stays behind the handle.
+#[test]
+fn the_couplings_rotational_spring_stands_in_for_the_body() {
+    let moves = [turn(0.0, 0.0, 0.3, 0.2), Move::Hold { tremor_m: 0.0, tremor_hz: 0.0, seconds: 4.8 }];
+    let springs = Springs::new(0.0, 1.8);
+    let coupling = Some(Coupling::new(1000.0, 0.0).with_angular(0.5, 1.8));
+    let mut device = open(&six_axes(5e-4), hand(), &moves);
+    let mut haptics = closed(&springs, WorkspaceMap::default(), Stages { coupling, ..Stages::default() });
+    let mut last = None;
+    for k in 0..3000 {
+        last = Some(haptics.step(&springs, &mut device, f64::from(k) * PERIOD).unwrap());
+    }
+    let (period, handle) = (last.unwrap(), device.angles_rad());
+    let expected = DVec3::Z * (-handle.z * 0.5 * 1.8 / 2.3);
+    assert!(handle.z > 0.05 && DVec3::from_array(period.command.torque_nm).distance(expected) < 1e-9);
+    let tool = rotation_vector(period.pose.orientation);
+    assert!(tool.distance(handle * 0.5 / 2.3) < 1e-9, "{tool} {handle}");
 }
 
 /// Written, read, and played again on a loop of its own: poses, forces, torques and books to the bit; and what the springs answer

@@ -78,7 +78,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         ..Drivers::default()
     };
     let (found, unreached) = attached(&drivers);
-    let unreached = unreached.into_iter().map(|u| Unreached { device: u.choice.to_string(), reason: u.reason });
+    let unreached =
+        unreached.into_iter().map(|u| Unreached { device: u.choice.to_string(), reason: u.reason });
     let report = Report {
         devices: found.iter().map(device).collect(),
         unreached: unreached.collect(),

@@ -150,21 +150,11 @@ fn against_the_clock(args: &Args, configs: &[SessionConfig]) -> Result<(), Failu
     let body = SessionBody::open(&args.body, slip, args.live.body_in.map(Into::into), !records.is_empty())?;
     // One for all: the end of one session's own would unlock the others.
     let memory = configs.iter().any(|c| c.real_time.lock_memory).then(MemoryLock::new);
-    let (memory, mut refused) = match memory {
-        Some(Err(refused)) => (None, Some(refused)),
-        Some(Ok(lock)) => (Some(lock), None),
-        None => (None, None),
-    };
-    if let Some(refused) = refused.take_if(|_| configs.iter().any(|c| c.strict)) {
-        return Err(Failure::Check(format!("--strict: {refused}")));
-    }
     let is_asked = live::signals()?;
     let mut prepared = Vec::new();
     for config in configs {
         if !is_asked() {
-            let mut config = config.clone();
-            config.real_time.lock_memory &= memory.is_some();
-            prepared.push(match PreparedSession::new(body.clone(), config, memory.clone()) {
+            prepared.push(match PreparedSession::new(body.clone(), config.clone(), memory.clone()) {
                 Err(error @ SessionError::Strict { .. }) => {
                     return Err(Failure::Check(format!("--strict: {error}")));
                 }
@@ -176,7 +166,7 @@ fn against_the_clock(args: &Args, configs: &[SessionConfig]) -> Result<(), Failu
         console::note("a signal asked for the end before it began");
         return Ok(());
     }
-    let told = live::run(prepared, refused, &is_asked, args.json, args.stream_hz)?;
+    let told = live::run(prepared, &is_asked, args.json, args.stream_hz)?;
     for told in &told {
         if args.json {
             console::text(&format!("{}\n", serde_json::to_string(told)?))?;

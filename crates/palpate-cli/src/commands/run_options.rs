@@ -76,7 +76,7 @@ pub struct LiveArgs {
     /// Haply's service, where it is not at its usual address
     #[arg(long, value_name = "URL")]
     device_url: Option<String>,
-    /// How the service wants its forces: versions before 3.2 want `values` [default: vector]
+    /// How the service wants its forces: those of version 3.1 want `values` [default: vector]
     #[arg(long, value_name = "KEY", value_parser = ["vector", "values"])]
     haply_force_key: Option<String>,
 }

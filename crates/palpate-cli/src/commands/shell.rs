@@ -8,8 +8,10 @@ use std::path::{Path, PathBuf};
 
 /// Print a completion script for a shell
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  palpate completions bash > ~/.local/share/bash-completion/completions/palpate\n\n\
-                        Exit status: 0 done, 2 wrong usage.")]
+#[command(
+    after_help = "Example:\n  palpate completions bash > ~/.local/share/bash-completion/completions/palpate\n\n\
+                        Exit status: 0 done, 2 wrong usage."
+)]
 pub struct CompletionsArgs {
     /// Which shell
     #[arg(value_enum)]

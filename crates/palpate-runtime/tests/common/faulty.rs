@@ -83,7 +83,10 @@ impl<D: Device> Device for Faulty<D> {
             match self.rng.below(3) {
                 0 => sample.pose.position_m[self.rng.below(3)] = wrong,
                 1 => sample.pose.orientation[self.rng.below(4)] = f64::NAN,
-                _ => sample.velocity_m_per_s = Some([wrong; 3]),
+                _ => {
+                    sample.velocity_m_per_s = Some([wrong; 3]);
+                    sample.angular_velocity_rad_per_s = Some([wrong; 3]);
+                }
             }
         }
         // Buttons come and go.
