@@ -5,7 +5,8 @@ use crate::{Patience, RealTime, Safety, SafetyError};
 use palpate_body::SlipRule;
 use palpate_engine::Ablation;
 use palpate_files::{Source, read_text};
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 use std::path::{Path, PathBuf};
 
 /// A session's settings, in SI units. As TOML each has its name here; what is left out is as in the default, and a key
@@ -50,6 +51,8 @@ pub struct SessionConfig {
     pub ablation: Ablation,
     /// A virtual coupling of this stiffness, N/m.
     pub coupling_n_per_m: Option<f64>,
+    /// And its rotational spring, N·m/rad.
+    pub coupling_nm_per_rad: Option<f64>,
     /// Elements of the patch that the haptic thread works on.
     pub patch_elements: usize,
     /// A file to record into. It must not be there yet.
@@ -57,6 +60,7 @@ pub struct SessionConfig {
     /// Whether what could not be had (a watchdog, a calibration, locked memory, a priority) is an error, and not a note.
     pub strict: bool,
     /// Limits and output stages.
+    #[serde(deserialize_with = "known_safety")]
     pub safety: Safety,
     /// Where the device works in the body's frame.
     pub workspace: WorkspaceSettings,
@@ -91,6 +95,11 @@ pub struct WorkspaceSettings {
     pub offset_m: Option<[f64; 3]>,
     /// How the device's frame is turned in the body's: a unit quaternion w x y z.
     pub rotation: Option<[f64; 4]>,
+    /// Where the tool's tip is in the handle's frame, m: a force there is a torque at the handle. At the handle's reference point if
+    /// not given.
+    pub tip_in_handle_m: Option<[f64; 3]>,
+    /// How the tool is turned in the handle's frame: a unit quaternion w x y z.
+    pub handle_from_tool: Option<[f64; 4]>,
     /// Button that lifts the tool off while it is held, as a mouse is lifted.
     pub clutch_button: Option<u32>,
 }
@@ -103,6 +112,16 @@ pub struct History {
     pub rate_hz: f64,
     /// How far back, s.
     pub seconds: f64,
+}
+
+/// A recording's header may know of settings that this version does not; a configuration may not.
+fn known_safety<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Safety, D::Error> {
+    let given = serde_json::Map::deserialize(deserializer)?;
+    let known = serde_json::to_value(Safety::default()).map_err(D::Error::custom)?;
+    if let Some(key) = given.keys().find(|key| known.get(key.as_str()).is_none()) {
+        return Err(D::Error::custom(format!("unknown field `{key}` in safety")));
+    }
+    serde_json::from_value(given.into()).map_err(D::Error::custom)
 }
 
 /// The engine knows nothing of serde.
@@ -144,6 +163,7 @@ impl Default for SessionConfig {
             friction_scale: 1.0,
             ablation: Ablation::None,
             coupling_n_per_m: None,
+            coupling_nm_per_rad: None,
             patch_elements: crate::PATCH_ELEMENTS,
             record: None,
             strict: false,
@@ -183,6 +203,11 @@ impl SessionConfig {
         within("rate_hz", self.rate_hz, 10.0, if is_virtual { 1e6 } else { 2e4 })?;
         self.seconds.map_or(Ok(()), |s| within("seconds", s, 1e-6, 1e5))?;
         self.coupling_n_per_m.map_or(Ok(()), |k| within("coupling_n_per_m", k, 1e-6, 1e7))?;
+        self.coupling_nm_per_rad.map_or(Ok(()), |k| within("coupling_nm_per_rad", k, 1e-6, 1e4))?;
+        if self.coupling_nm_per_rad.is_some() && self.coupling_n_per_m.is_none() {
+            let problem = "a coupling that turns needs one that moves".into();
+            return Err(error("coupling_nm_per_rad", problem, "give coupling_n_per_m, too"));
+        }
         within("friction_scale", self.friction_scale, 0.0, 100.0)?;
         within("patch_elements", self.patch_elements as f64, 64.0, f64::from(1 << 18))?;
         within("patience.late_s", self.patience.late_s, 1e-3, 10.0)?;

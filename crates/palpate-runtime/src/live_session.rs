@@ -256,7 +256,7 @@ pub(crate) fn haptic_loop(
 ) -> Result<(HapticLoop, Header), SessionError> {
     let model = body.model_header();
     let mut stages = safety.stages(device.capabilities(), config.rate_hz)?;
-    stages.coupling = coupling(config.coupling_n_per_m, body)?;
+    stages.coupling = coupling(config, body)?;
     let place = &config.workspace;
     let map = match map {
         Some(map) => place.over(map),
@@ -274,6 +274,7 @@ pub(crate) fn haptic_loop(
         device: device.capabilities().name.to_string(),
         safety: Some(safety),
         coupling_n_per_m: config.coupling_n_per_m,
+        coupling_nm_per_rad: config.coupling_nm_per_rad,
         map: map.into(),
         ..Header::default()
     };
@@ -288,8 +289,11 @@ fn contact(model: &ContactModel, config: &SessionConfig) -> (Contact, SlipRule) 
     (contact, rule)
 }
 
-fn coupling(stiffness: Option<f64>, body: &dyn BodySource) -> palpate_body::Result<Option<Coupling>> {
-    stiffness.map(|k| Ok(Coupling::new(k, stiffest(body)?))).transpose()
+fn coupling(config: &SessionConfig, body: &dyn BodySource) -> palpate_body::Result<Option<Coupling>> {
+    let Some(k) = config.coupling_n_per_m else { return Ok(None) };
+    let coupling = Coupling::new(k, stiffest(body)?);
+    // No law has a torque yet, and so no stiffness against turning.
+    Ok(Some(config.coupling_nm_per_rad.map_or(coupling, |k| coupling.with_angular(k, 0.0))))
 }
 
 /// K_max at any depth, N/m.
@@ -344,9 +348,10 @@ fn first_place(device: &mut dyn Device) -> anyhow::Result<DVec3> {
 impl WorkspaceSettings {
     /// The given parts over `map`.
     fn over(&self, mut map: WorkspaceMap) -> WorkspaceMap {
-        if let Some([w, x, y, z]) = self.rotation {
-            map.rotation = glam::DQuat::from_xyzw(x, y, z, w);
-        }
+        let quaternion = |[w, x, y, z]: [f64; 4]| glam::DQuat::from_xyzw(x, y, z, w);
+        map.rotation = self.rotation.map_or(map.rotation, quaternion);
+        map.handle_from_tool = self.handle_from_tool.map_or(map.handle_from_tool, quaternion);
+        map.tip_in_handle_m = self.tip_in_handle_m.map_or(map.tip_in_handle_m, DVec3::from_array);
         map.scale = self.scale.unwrap_or(map.scale);
         map.clutch = self.clutch_button.or(map.clutch);
         map.offset_m = self.offset_m.map_or(map.offset_m, DVec3::from_array);
@@ -602,7 +607,7 @@ impl LiveSession {
         let place = if place.iter().all(|x| x.is_finite()) { place } else { [0.0; 3] };
         let (patch_holder, finder) =
             patch_holder(body.source.clone(), place, config.patch_elements).map_err(refused)?;
-        let coupling = coupling(config.coupling_n_per_m, &*body.source).map_err(refused)?;
+        let coupling = coupling(config, &*body.source).map_err(refused)?;
         let follower = self.session.follow(finder).map_err(|e| ControlError::Body(e.to_string()))?;
         if let Err(refused) =
             self.controls.send(Change::Body(Box::new(BodyChange { patch_holder, contact, coupling })))

@@ -15,6 +15,9 @@ pub struct LiveArgs {
     /// Never a larger force than this, N; the device's own limit where that is lower [default: 3]
     #[arg(long, value_name = "N")]
     force_max_n: Option<f64>,
+    /// Never a larger torque than this, N·m; the device's own limit where that is lower [default: 0.1]
+    #[arg(long, value_name = "NM")]
+    torque_max_nm: Option<f64>,
     /// Never a faster change of the force; at least half of the largest force a period, the default
     #[arg(long, value_name = "N/S")]
     slew_n_per_s: Option<f64>,
@@ -33,6 +36,9 @@ pub struct LiveArgs {
     /// How the device's frame is turned in the body's: a unit quaternion
     #[arg(long, value_name = "W,X,Y,Z", value_parser = numbers::<4>, allow_hyphen_values = true)]
     rotation: Option<[f64; 4]>,
+    /// Where the tool's tip is in the handle's frame, mm: a force there is a torque at the handle
+    #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, allow_hyphen_values = true)]
+    tip_mm: Option<[f64; 3]>,
     /// Button that lifts the tool off while it is held, as a mouse is lifted; counted from 0
     #[arg(long, value_name = "N")]
     clutch_button: Option<u32>,
@@ -185,10 +191,12 @@ fn live(args: &Args, config: &mut SessionConfig) -> Result<()> {
     safety.soft_start_s = live.soft_start_s.unwrap_or(safety.soft_start_s);
     safety.silence_s = live.silence_ms.map(milli).or(safety.silence_s);
     safety.force_max_n = live.force_max_n.or(safety.force_max_n);
+    safety.torque_max_nm = live.torque_max_nm.or(safety.torque_max_nm);
     safety.slew_n_per_s = live.slew_n_per_s.or(safety.slew_n_per_s);
     let place = &mut config.workspace;
     place.scale = live.scale.or(place.scale);
     place.offset_m = live.offset_mm.map(|mm| mm.map(milli)).or(place.offset_m);
+    place.tip_in_handle_m = live.tip_mm.map(|mm| mm.map(milli)).or(place.tip_in_handle_m);
     place.rotation = live.rotation.or(place.rotation);
     place.clutch_button = live.clutch_button.or(place.clutch_button);
     let patience = &mut config.patience;
