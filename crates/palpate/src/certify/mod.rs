@@ -77,13 +77,15 @@ pub fn elements(body: &Body, assumptions: &Assumptions, evaluations: u32) -> Vec
             let cells = patch.cells();
             let effort = |absolute| Effort { evaluations, absolute, relative: 0.1 };
             let snap_free = least(Criterion::SnapFree, &patch, &cells, effort(1.0));
+            let too_far = patch.holds_too_far();
             Element {
                 passive: least(Criterion::Passive, &patch, &cells, effort(0.01)),
-                lipschitz: (snap_free.proved > 0.0)
-                    .then(|| least(Criterion::Lipschitz, &patch, &cells, effort(1.0))),
+                lipschitz: (snap_free.proved > 0.0).then(|| {
+                    least(Criterion::Lipschitz, &patch.snap_free(snap_free.proved), &cells, effort(1.0))
+                }),
                 snap_free,
                 creased: is_creased(body, element),
-                too_far: patch.holds_too_far(),
+                too_far,
             }
         })
         .collect()

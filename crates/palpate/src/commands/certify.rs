@@ -131,7 +131,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     found.device = args.device().map(|device| {
         let pace = (device.position_error_m > 0.0 && found.snap_free.holds)
-            .then(|| pace(&body, &assumptions, evaluations))
+            .then(|| pace(&body, &assumptions, &elements, evaluations))
             .flatten();
         device::limits(&body, device, found.lipschitz_n_per_m, pace)
     });
@@ -222,13 +222,13 @@ fn worst(
 }
 
 /// The bound of |Δc|/|Δx|.
-fn pace(body: &Body, assumptions: &Assumptions, evaluations: u32) -> Option<f64> {
+fn pace(body: &Body, assumptions: &Assumptions, elements: &[Element], evaluations: u32) -> Option<f64> {
     let effort = Effort { evaluations, absolute: 0.01, relative: 0.1 };
-    let of = |element| {
-        let patch = ElementStates::new(body, element, assumptions);
+    let of = |(element, proved): (usize, &Element)| {
+        let patch = ElementStates::new(body, element as u32, assumptions).snap_free(proved.snap_free.proved);
         least(Criterion::Pace, &patch, &patch.cells(), effort).proved
     };
-    let least = (0..body.elements().len() as u32).into_par_iter().map(of).reduce(|| 0.0, f64::min);
+    let least = elements.par_iter().enumerate().map(of).reduce(|| 0.0, f64::min);
     (least > f64::NEG_INFINITY).then_some(-least)
 }
 
