@@ -143,6 +143,7 @@ fn body(shape: Shape, edge_length_mm: f64, friction: f64) -> Body {
         surface,
         tool: Tool::Point,
         slip: SlipRule::Paper,
+        tank: true,
         provenance: Provenance::default(),
     })
     .unwrap()

@@ -96,15 +96,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut body = Body::open(&args.body)?;
     let rule = args.slip.map_or(body.slip(), super::Slip::rule);
     args.check_rule(rule)?;
-    if body.is_coupled() {
+    if args.raise_friction && body.is_coupled() {
         return Err(anyhow::anyhow!(
-            "{}: its law is a coupled potential, of which certificates are not proved yet; `palpate inspect` gives its \
-             stiffness, and a trace's ledger what slip gives out along a path",
+            "{}: its law is a coupled potential, and --raise-friction is for bodies with curves; keep the tank, or give more friction \
+             when the body is made",
             args.body.display()
         )
         .into());
     }
-    let evaluations = args.evaluations.unwrap_or_else(|| crate::certify::evaluations(rule));
+    let evaluations = args.evaluations.unwrap_or_else(|| crate::certify::evaluations(&body, rule));
     let assumptions = Assumptions {
         slip: rule,
         step_m: args.step_mm * 1e-3,
@@ -314,6 +314,13 @@ fn text(c: &Certificate) -> String {
         c.scope.depth_m * 1e3,
         c.scope.step_m * 1e3
     );
+    if let Some(lateral) = c.scope.lateral_m {
+        out += &format!(
+            "of a coupled law: to {:.3} mm laterally, P from {:.3} mm depth on\n",
+            lateral * 1e3,
+            c.scope.passive_from_m * 1e3
+        );
+    }
     let remark =
         |count: usize, what: &str| if count > 0 { format!("{count} {what}\n") } else { String::new() };
     out += &remark(c.border_edges, "border edges: a contact that runs over one ends with the force it has");
@@ -379,15 +386,15 @@ fn text(c: &Certificate) -> String {
         Some(device::Limits {
             stiffness_limit_n_per_m: Some(stiffness),
             depth_limit_m: Some(depth),
-            force_limit_n: Some(force),
+            force_limit_n,
             whole_depth,
             ..
         }) => {
             out += &format!(
-                "\nthe device holds {stiffness:.1} N/m: the sampled loop is passive down to {:.3} mm{}, with {force:.3} N \
-                 anywhere\n",
+                "\nthe device holds {stiffness:.1} N/m: the sampled loop is passive down to {:.3} mm{}{}\n",
                 depth * 1e3,
-                if *whole_depth { " (all that the curves know)" } else { "" },
+                if *whole_depth { " (all that the law knows)" } else { "" },
+                force_limit_n.map_or_else(String::new, |force| format!(", with {force:.3} N anywhere")),
             );
         }
         Some(d) => {
