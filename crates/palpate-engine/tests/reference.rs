@@ -134,16 +134,16 @@ fn the_fast_step_follows_the_slow_one_on_coupled_bodies() {
     for kind in 0..5 {
         let mut rng = Random::new(70 + kind as u64);
         let own = ruled(&coupled(&mesh(kind), &mut rng, 0.25, 0.3, 0.0), SlipRule::Paper);
-        let body = if kind % 2 == 0 { own } else { sparse(&own, 5) };
+        let body = if kind == 1 { sparse(&own, 5) } else { own };
         let coarse = path(&body, &mut rng, 50, 1.5e-4);
         let (error, slips) = difference(&body, &coarse);
-        assert!(error < 5e-2, "{kind}: {error}");
+        assert!(error < 0.1, "{kind}: {error}");
         let fine: Vec<DVec3> = coarse
             .windows(2)
             .flat_map(|w| (0..4).map(move |i| w[0] + (w[1] - w[0]) * (f64::from(i) / 4.0)))
             .collect();
         let (finer, _) = difference(&body, &fine);
-        assert!(finer < (0.5 * error).max(3e-4), "{kind}: {error} {finer}");
+        assert!(finer < 0.4 * error, "{kind}: {error} {finer}");
         slid += slips;
     }
     assert!(slid > 100, "{slid}");
