@@ -225,6 +225,8 @@ pub struct BodyParts {
     pub tool: Tool,
     /// The slip rule.
     pub slip: SlipRule,
+    /// Whether contacts have the tank that keeps slip from giving out energy.
+    pub tank: bool,
     /// Where it all came from.
     pub provenance: Provenance,
 }
@@ -265,6 +267,7 @@ impl Body {
             lateral_tensors,
             tool,
             slip,
+            tank,
             provenance,
         } = parts;
         let points = coupled.as_ref().map_or(responses.len(), CoupledLaw::len);
@@ -318,7 +321,7 @@ impl Body {
             lateral_tensors,
             tool,
             slip,
-            tank: true,
+            tank,
             identity,
             gradients: OnceLock::new(),
         };
@@ -332,7 +335,7 @@ impl Body {
         })
     }
 
-    /// The same with the tank that keeps slip from giving out energy, or without; new bodies have it.
+    /// The same with the tank that keeps slip from giving out energy, or without.
     pub fn with_tank(mut self, tank: bool) -> Self {
         self.model.tank = tank;
         self
@@ -375,6 +378,7 @@ impl Body {
             lateral_tensors: self.lateral_tensors().map(<[Tensor]>::to_vec),
             tool: self.tool,
             slip: self.slip,
+            tank: self.tank,
             provenance: self.provenance.clone(),
         }
     }

@@ -267,7 +267,7 @@ impl Body {
         }
         let elements = file.rows("triangles").zip(file.rows("twins"));
         let blends = file.rows("node_test_points").zip(file.rows("node_weights"));
-        let body = Body::new(BodyParts {
+        Body::new(BodyParts {
             surface: Surface {
                 smoothed: 0,
                 positions: pod_collect_to_vec(file.bytes("positions")),
@@ -282,9 +282,9 @@ impl Body {
             lateral_tensors: Some(pod_collect_to_vec(file.bytes("lateral_tensors"))),
             tool: file.json("tool", serde_json::from_str)?,
             slip: file.slip()?,
+            tank: file.tank()?,
             provenance: file.json("provenance", serde_json::from_str::<Provenance>)?,
-        })?;
-        Ok(body.with_tank(file.tank()?))
+        })
     }
 
     /// The bytes that [`Body::save`] writes.

@@ -321,9 +321,7 @@ impl Gradients {
 
     /// The test points that a node's terms name.
     pub(crate) fn term_points(&self, node: u32) -> impl Iterator<Item = u32> + '_ {
-        let Place { start, count } = self.places[node as usize];
-        let terms = if count == CURVES { &[] } else { &self.terms[start as usize..][..count as usize] };
-        terms.iter().map(|term| term.test_point).filter(|&t| t != NOTHING)
+        self.terms(node).map(|(t, _)| t).filter(|&t| t != NOTHING)
     }
 
     /// Becomes a copy of these nodes' gradients of `from`, with test points numbered by `renumber`.
@@ -492,6 +490,31 @@ impl Gradients {
             sums
         };
         sums.map(|[a, b, c, d, e]| [a, b, c * 0.5, d * (1.0 / 3.0), e * 0.25])
+    }
+
+    /// What ∇̄W of a node sums: of each test point t but the node's first, the gradient g (1/m) that W_t − W_first is taken times.
+    /// None where a node has its sum beforehand ([`Gradients::coupled_rows`]). For bounds; not for the step.
+    pub fn terms(&self, node: u32) -> impl Iterator<Item = (u32, DVec3)> + '_ {
+        let Place { start, count } =
+            self.places.get(node as usize).copied().unwrap_or(Place { start: 0, count: 0 });
+        let count = if count == CURVES { 0 } else { count as usize };
+        let terms = self.terms.get(start as usize..start as usize + count).unwrap_or(&[]);
+        terms.iter().map(|term| (term.test_point, DVec3::from_array(term.gradient.map(f64::from))))
+    }
+
+    /// ∇̄W of a node of a coupled body that has its sum beforehand: of each of the body's axes the quantities in an interval of the
+    /// depth, to be taken times the monomials of δ_t in the tangents of the node's first test point. For bounds; not for the step.
+    pub fn coupled_rows(&self, node: u32, interval: usize) -> Option<[CoupledRow; 3]> {
+        let place = self.places.get(node as usize).filter(|place| place.count == CURVES)?;
+        let rows = self.coupled_rows.get(place.start as usize * self.columns + interval)?;
+        let axis = |axis: usize| {
+            rows.map(|power| {
+                let mut row = [0.0; QUANTITIES];
+                row.iter_mut().zip(power).for_each(|(to, g)| *to = f64::from(g.to_array()[axis]));
+                row
+            })
+        };
+        Some([axis(0), axis(1), axis(2)])
     }
 
     /// ∇̄A of a node, its derivatives along x, y and z, 1/m; none where the lateral response is alike in all directions.

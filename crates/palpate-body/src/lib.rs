@@ -26,6 +26,7 @@
 //!     lateral_tensors: None, // alike in all directions
 //!     tool: Tool::Point,
 //!     slip: SlipRule::Paper,
+//!     tank: true,
 //!     provenance: Provenance::default(),
 //! })?;
 //! assert_eq!(body.curves().len(), 1);

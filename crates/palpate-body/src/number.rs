@@ -15,12 +15,19 @@ pub trait Number:
 {
     /// A number without derivative or width.
     fn constant(x: f64) -> Self;
-    /// The square root; of a number ≥ 0.
+    /// The square root; of a number ≥ 0, its derivatives of one > 0.
     fn sqrt(self) -> Self;
     /// 1/x; of a number > 0.
     fn recip(self) -> Self;
     /// The greater of this and `x`.
     fn at_least(self, x: f64) -> Self;
+    /// The slope of [`Number::at_least`]: 1 above `x`, 0 elsewhere.
+    fn is_above(self, x: f64) -> Self;
+    /// Σ n x for weights n ≥ 0 whose sum is 1.
+    #[inline]
+    fn blend(n: [Self; 3], x: [Self; 3]) -> Self {
+        n[0] * x[0] + n[1] * x[1] + n[2] * x[2]
+    }
 }
 
 impl Number for f64 {
@@ -42,6 +49,11 @@ impl Number for f64 {
     #[inline(always)]
     fn at_least(self, x: f64) -> Self {
         f64::max(self, x)
+    }
+
+    #[inline(always)]
+    fn is_above(self, x: f64) -> Self {
+        f64::from(u8::from(self > x))
     }
 }
 
@@ -127,26 +139,43 @@ impl<T: Number, const N: usize> Add<f64> for Dual<T, N> {
     }
 }
 
-impl<const N: usize> Number for Dual<f64, N> {
+impl<T: Number, const N: usize> Number for Dual<T, N> {
     #[inline]
     fn constant(x: f64) -> Self {
-        Dual { value: x, partials: [0.0; N] }
+        Dual { value: T::constant(x), partials: [T::constant(0.0); N] }
     }
 
     #[inline]
     fn sqrt(self) -> Self {
         let root = self.value.sqrt();
-        self.chain(root, if root > 0.0 { 0.5 / root } else { 0.0 })
+        self.chain(root, root.recip() * 0.5)
     }
 
     #[inline]
     fn recip(self) -> Self {
-        let r = 1.0 / self.value;
-        self.chain(r, -r * r)
+        let r = self.value.recip();
+        self.chain(r, -(r * r))
     }
 
     #[inline]
     fn at_least(self, x: f64) -> Self {
-        if self.value > x { self } else { Self::constant(x) }
+        self.chain(self.value.at_least(x), self.value.is_above(x))
+    }
+
+    #[inline]
+    fn is_above(self, x: f64) -> Self {
+        Dual { value: self.value.is_above(x), partials: [T::constant(0.0); N] }
+    }
+
+    #[inline]
+    fn blend(n: [Self; 3], x: [Self; 3]) -> Self {
+        let (weights, values) = (n.map(|n| n.value), x.map(|x| x.value));
+        let partial = |i: usize| {
+            let [_, b, c] = n.map(|n| n.partials[i]);
+            // The weights' derivatives sum to 0.
+            let turned = b * (values[1] - values[0]) + c * (values[2] - values[0]);
+            T::blend(weights, x.map(|x| x.partials[i])) + turned
+        };
+        Dual { value: T::blend(weights, values), partials: std::array::from_fn(partial) }
     }
 }

@@ -124,6 +124,7 @@ fn made(
         test_point_nodes: (0..points).collect(),
         tool: Tool::Sphere { radius_m: 0.01 / 3.0 },
         slip: SlipRule::Paper,
+        tank: true,
         provenance: Provenance {
             command: "palpate fit --mesh \"a b.stl\"".into(),
             software: "palpate 0.1.0".into(),
@@ -217,6 +218,7 @@ fn the_tank_is_kept() {
     for body in bodies() {
         for tank in [true, false] {
             let body = body.clone().with_tank(tank);
+            assert_eq!(Body::new(body.parts()).unwrap(), body, "its parts keep the tank");
             assert_eq!(body.has_tank(), tank);
             body.save(&path).unwrap();
             assert_eq!(Body::open(&path).unwrap().has_tank(), tank);
@@ -270,6 +272,7 @@ fn the_radius_survives_to_the_last_bit() {
             lateral_tensors: None,
             tool: Tool::Sphere { radius_m: radius },
             slip: SlipRule::Paper,
+            tank: true,
             provenance: Provenance::default(),
         })
         .unwrap();
@@ -314,6 +317,7 @@ fn a_failed_save_leaves_the_old_file() {
         lateral_tensors: None,
         tool: Tool::Point,
         slip: SlipRule::Paper,
+        tank: true,
         provenance: Provenance { spec: Some("x".repeat(5 << 20)), ..Default::default() },
     });
     let message = wordy.unwrap().save(&path).unwrap_err().to_string();

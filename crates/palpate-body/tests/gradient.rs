@@ -40,6 +40,7 @@ fn body(mesh: &TriangleMesh, blends: Vec<BlendWeights>, responses: Vec<Response>
         lateral_tensors: None,
         tool: Tool::Point,
         slip: SlipRule::Consistent,
+        tank: true,
         provenance: Provenance::default(),
     })
     .unwrap()

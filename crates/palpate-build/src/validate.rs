@@ -8,7 +8,7 @@
 
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
-use palpate_body::{Body, BodyError, BodyParts, Curve, Extension, Interpolation, SurfacePoint};
+use palpate_body::{Body, BodyParts, Curve, Extension, Interpolation, SurfacePoint};
 use palpate_engine::{Ablation, ToolState, Waypoint, rollout};
 use palpate_identify::{DragRecord, PointFit, PointRecord, fit_point};
 use palpate_simulate::{Drag, Path as LoadPath, PointPaths, PointPlan};
@@ -449,7 +449,7 @@ pub fn sticking(body: &Body, normal_max_m: f64) -> Result<Body> {
             knots.iter().map(|&k| if k > onset[0] + 1e-7 { ENDLESS } else { 0.0 }).collect();
         response.friction = Curve::through(&knots, &values, Interpolation::Linear, Extension::Constant)?;
     }
-    Ok(Body::new(parts)?.with_tank(body.has_tank()))
+    Ok(Body::new(parts)?)
 }
 
 /// Without the decrease below 0 that rounding may give.
@@ -552,10 +552,7 @@ pub fn validate(
 
 /// The same body with a lateral response that is alike in all directions; none if it is so already.
 fn isotropic(body: &Body) -> Result<Option<Body>> {
-    let alike = || {
-        let alike = Body::new(BodyParts { lateral_tensors: None, ..body.parts() })?;
-        Ok::<_, BodyError>(alike.with_tank(body.has_tank()))
-    };
+    let alike = || Body::new(BodyParts { lateral_tensors: None, ..body.parts() });
     Ok((!body.is_isotropic()).then(alike).transpose()?)
 }
 

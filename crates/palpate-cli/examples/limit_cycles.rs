@@ -105,6 +105,7 @@ fn plane(k: f64) -> Result<Body> {
         lateral_tensors: None,
         tool: Tool::Point,
         slip: SlipRule::Paper,
+        tank: true,
         provenance: Provenance::default(),
     })?)
 }

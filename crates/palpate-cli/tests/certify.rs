@@ -95,6 +95,52 @@ fn a_witness_of_energy_reproduces_when_traced() {
     assert_eq!(traced["extrapolated_steps"], 0);
 }
 
+/// Traced with the tank the witness of energy gives out nothing, and the trace says that slip waited; --no-tank lets it, and so
+/// does a body that was made without a tank.
+#[test]
+fn the_tank_holds_back_what_a_witness_shows() {
+    let (_kept, folder) = fitted(BALL, 0.02);
+    certified(&folder, "--evaluations 600 --witness w");
+    let trace = |args: &str| {
+        let out = palpate(&folder, &format!("trace {args} --path w/passive.csv -o t.csv --json"));
+        let said = String::from_utf8_lossy(&out.stderr).into_owned();
+        let json: Value = serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}: {said}"));
+        let number = |key: &str| json.pointer(key).and_then(Value::as_f64).unwrap();
+        (number("/energy/generated_j"), number("/counters/held_back"), said.contains("had slip held back"))
+    };
+    let (generated, held_back, said) = trace("a.body");
+    let (free, free_held_back, free_said) = trace("a.body --no-tank");
+    assert!(held_back > 0.0 && said, "{held_back} {said}");
+    assert!(free_held_back == 0.0 && !free_said && free > 1e-9 && generated < 0.5 * free, "{generated} {free}");
+
+    let spec = std::fs::read_to_string(folder.join("spec.toml")).unwrap();
+    std::fs::write(folder.join("free.toml"), spec.replace("[slip]", "[slip]\ntank = false")).unwrap();
+    assert!(palpate(&folder, "fit --spec free.toml -o free.body").status.success());
+    let inspect = palpate(&folder, "inspect free.body --json");
+    let inspect: Value = serde_json::from_slice(&inspect.stdout).unwrap();
+    assert_eq!(inspect["tank"], false);
+    assert_eq!(trace("free.body"), (free, 0.0, false));
+}
+
+/// A simulated loop on a ball without friction, whose facets the paper's rule slips over uphill.
+#[test]
+fn a_run_without_the_tank_lets_slip_give_out_energy() {
+    let (_kept, folder) = fitted(BALL, 0.0);
+    let run = |args: &str| -> Value {
+        let out = palpate(
+            &folder,
+            &format!("run a.body --device simulated --virtual-time --intent drag --json {args} --record r.csv"),
+        );
+        serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}: {}", String::from_utf8_lossy(&out.stderr)))
+    };
+    let table = || std::fs::read_to_string(folder.join("r.csv")).unwrap();
+    let generated = |run: &Value| run.pointer("/energy/generated_j").and_then(Value::as_f64).unwrap();
+    let (with, with_table) = (run(""), table());
+    let (without, without_table) = (run("--no-tank"), table());
+    assert!(generated(&without) > generated(&with), "{with} {without}");
+    assert!(with_table != without_table);
+}
+
 #[test]
 fn a_cube_snaps_and_the_witness_jumps() {
     let (_kept, folder) = fitted(CUBE, 0.3);
@@ -143,6 +189,7 @@ fn body(shape: Shape, edge_length_mm: f64, friction: f64) -> Body {
         surface,
         tool: Tool::Point,
         slip: SlipRule::Paper,
+        tank: true,
         provenance: Provenance::default(),
     })
     .unwrap()

@@ -90,8 +90,31 @@ fn potentials_are_exported() {
     assert_eq!(nodes.lines().count(), body.nodes().len() + 1);
 }
 
+/// Bounds of P and S beside what a search finds, K_max, and what a device holds; and the tank, where P is not proved.
 #[test]
-fn certificates_say_that_they_are_not_there_yet() {
+fn coupled_bodies_are_certified() {
     let directory = directory();
-    directory.refused("certify coupled.body", 1, &["coupled potential", "not proved yet"]);
+    let out = directory.run("certify coupled.body --evaluations 10 --depth-mm 2 --damping-n-s-per-m 0.5 --json");
+    assert_eq!(out.status.code(), Some(3), "{}", String::from_utf8_lossy(&out.stderr));
+    let json: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+    for name in ["passive", "snap_free"] {
+        let count = |key: &str| json[name][key].as_u64().unwrap();
+        let all = count("proved_elements") + count("failing_elements") + count("undecided_elements");
+        assert_eq!(Some(all), json["elements"].as_u64());
+        let [margin, found] = ["margin", "found"].map(|key| json[name][key].as_f64());
+        assert!(found.is_some() && margin.is_none_or(|margin| margin <= found.unwrap()), "{name}: {margin:?} {found:?}");
+    }
+    let scope = &json["scope"];
+    assert_eq!(scope["lateral_m"].as_f64(), Some(potentials::RANGE));
+    assert!((scope["passive_from_m"].as_f64().unwrap() - 4e-5).abs() < 1e-12, "{scope}");
+    assert!(json["remarks"].to_string().contains("tank"), "{}", json["remarks"]);
+    // 2 b/T = 1,000 N/m: no deeper than where K_max exceeds that.
+    let device = &json["device"];
+    let depth = device["depth_limit_m"].as_f64().unwrap();
+    assert_eq!(device["stiffness_limit_n_per_m"].as_f64(), Some(1000.0));
+    let within = |row: &&serde_json::Value| row["depth_m"].as_f64().unwrap() <= depth;
+    let table = json["stiffness_max_n_per_m"].as_array().unwrap();
+    assert!(table.iter().filter(within).all(|row| depth == 0.0 || row["value"].as_f64().unwrap() <= 1000.0));
+    assert!(device["force_limit_n"].is_null(), "it depends on the lateral deflection");
+    directory.refused("certify coupled.body --raise-friction -o b.body --slip paper", 1, &["coupled potential", "tank"]);
 }

@@ -40,6 +40,7 @@ fn body(radius_m: f64) -> Body {
         lateral_tensors: None,
         tool: if radius_m > 0.0 { Tool::Sphere { radius_m } } else { Tool::Point },
         slip: SlipRule::Paper,
+        tank: true,
         provenance: Provenance::default(),
     })
     .unwrap()

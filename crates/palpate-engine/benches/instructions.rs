@@ -65,6 +65,7 @@ fn tube(finer: u32, ratio: f64) -> Body {
         lateral_tensors: Some(tensors),
         tool: Tool::Point,
         slip: SlipRule::Paper,
+        tank: true,
         provenance: Provenance::default(),
     })
     .unwrap()

@@ -768,6 +768,7 @@ impl Contact {
         flags.set(Flags::CAPPED, end == End::Capped);
         flags.set(Flags::PATCH_BOUNDARY, end == End::PatchBoundary);
         flags.set(Flags::HELD_BACK, end == End::HeldBack);
+        flags.set(Flags::PULLING, evaluation.normal < 0.0);
         let cut = if matches!(end, End::Capped | End::PatchBoundary) {
             cut(evaluation, end, drive)
         } else {

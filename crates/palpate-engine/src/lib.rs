@@ -17,6 +17,7 @@
 //! # let responses = vec![Response::paper(600.0, 500.0, 0.3, 8e-3, 8e-3)?];
 //! # let body = Body::new(BodyParts { blends: vec![BlendWeights::own(0); surface.positions().len()], surface, responses,
 //! #     test_point_nodes: vec![0], coupled: None, lateral_tensors: None, tool: Tool::Point, slip: SlipRule::Paper,
+//! #     tank: true,
 //! #     provenance: Provenance::default() })?;
 //! let mut contact = Contact::new(&body);
 //! contact.step(&body, &ToolState::at([0.0, 0.0, 31e-3]), 1e-3); // above the sphere

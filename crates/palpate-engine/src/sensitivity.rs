@@ -163,6 +163,7 @@ pub(crate) mod tests {
             surface,
             tool: Tool::Sphere { radius_m: 2e-3 },
             slip: SlipRule::Paper,
+            tank: true,
             provenance: Provenance::default(),
         })
         .unwrap()

@@ -3,10 +3,16 @@
 
 mod common;
 
+#[path = "common/coupled.rs"]
+mod bodies;
+
+use bodies::{RANGE_M, as_coupled, coupled, sparse};
 use common::*;
 use glam::DVec3;
 use palpate_body::{Body, SlipRule, TriangleMesh};
-use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, ElementStates, ROUNDING, least};
+use palpate_engine::certify::{
+    Assumptions, Bounds, Criterion, Effort, ElementStates, ROUNDING, SHALLOWEST, least,
+};
 use palpate_engine::{Contact, Flags, Output};
 
 /// The tool's longest step here.
@@ -17,7 +23,12 @@ fn assumptions(slip: SlipRule) -> Assumptions {
 }
 
 fn bounds(criterion: Criterion, body: &Body, element: u32, evaluations: u32) -> Bounds {
-    let patch = ElementStates::new(body, element, &assumptions(body.slip()));
+    bounds_with(criterion, body, element, evaluations, 0.0)
+}
+
+/// Where η is at least this.
+fn bounds_with(criterion: Criterion, body: &Body, element: u32, evaluations: u32, eta: f64) -> Bounds {
+    let patch = ElementStates::new(body, element, &assumptions(body.slip())).snap_free(eta);
     let absolute = if criterion == Criterion::Passive { 0.02 } else { 20.0 };
     least(criterion, &patch, &patch.cells(), Effort { evaluations, absolute, relative: 0.2 })
 }
@@ -30,11 +41,19 @@ struct Proved {
 
 impl Proved {
     fn of(body: &Body, evaluations: u32) -> Self {
+        Self::around(body, evaluations, |_| true)
+    }
+
+    /// Of these elements alone.
+    fn around(body: &Body, evaluations: u32, asked: impl Fn(u32) -> bool) -> Self {
         let elements = 0..body.elements().len() as u32;
-        let passive = |e| bounds(Criterion::Passive, body, e, evaluations).proved >= -ROUNDING;
+        let passive = |e| asked(e) && bounds(Criterion::Passive, body, e, evaluations).proved >= -ROUNDING;
         let lipschitz = |e| {
-            let stable = bounds(Criterion::SnapFree, body, e, evaluations).proved > 0.0;
-            let l = stable.then(|| bounds(Criterion::Lipschitz, body, e, evaluations / 2));
+            if !asked(e) {
+                return None;
+            }
+            let eta = bounds(Criterion::SnapFree, body, e, evaluations).proved;
+            let l = (eta > 0.0).then(|| bounds_with(Criterion::Lipschitz, body, e, evaluations / 2, eta));
             // An element on which nothing slips has the stiffness in stick for its bound.
             l.map(|l| if l.proved == f64::INFINITY { 2e3 } else { -l.proved }).filter(|l| l.is_finite())
         };
@@ -56,7 +75,20 @@ struct Seen {
 
 /// A path that presses, drags about within the certificate's depth and step, and comes back; every step is judged.
 fn judge(body: &Body, proved: &Proved, random: &mut Random, steps: usize, seen: &mut Seen) {
-    let nodes = body.element_nodes(random.below(body.elements().len()) as u32);
+    let element = random.below(body.elements().len()) as u32;
+    judge_from(body, element, proved, random, steps, seen);
+}
+
+/// The same from above an element.
+fn judge_from(
+    body: &Body,
+    element: u32,
+    proved: &Proved,
+    random: &mut Random,
+    steps: usize,
+    seen: &mut Seen,
+) {
+    let nodes = body.element_nodes(element);
     let centre = (nodes[0].position + nodes[1].position + nodes[2].position) / 3.0;
     let (mut x, mut v) = (centre - nodes[0].inward * 1e-3, nodes[0].inward);
     let speed = STEP * random.range(0.02, 0.99);
@@ -94,6 +126,13 @@ fn judge_step(body: &Body, proved: &Proved, from: (DVec3, &Output), to: (DVec3, 
     if special(o) || special(o0) || c.delta_z_m > 5e-3 {
         return;
     }
+    if body.is_coupled() {
+        // Of coupled bodies it is said within their range.
+        let covered = |o: &Output| o.contact.is_none_or(|c| c.delta_r_m < RANGE_M - STEP);
+        if !(covered(o) && covered(o0)) {
+            return;
+        }
+    }
     // The elements that the slip came through: the two ends', and none between if they are neighbours.
     let start = o0.contact.filter(|_| !o.flags.has(Flags::ONSET)).unwrap_or(c);
     if start.delta_z_m > 5e-3 {
@@ -113,7 +152,9 @@ fn judge_step(body: &Body, proved: &Proved, from: (DVec3, &Output), to: (DVec3, 
         + (o.energy.dissipated_j - o0.energy.dissipated_j).abs()
         + o.energy.stored_j;
     let gained = generated > 1e-12 * moved;
-    if touched.iter().all(|&e| proved.passive[e]) {
+    // Both forces vanish with the depth: P is not asked there of coupled bodies.
+    let shallow = body.is_coupled() && c.delta_z_m.min(start.delta_z_m) < SHALLOWEST * 5e-3;
+    if touched.iter().all(|&e| proved.passive[e]) && !shallow {
         seen.slips_proved_passive += usize::from(o.flags.has(Flags::SLIPPING));
         assert!(!gained, "{generated} J of {moved} J generated, {ends:?}, {c:?}, {start:?}");
     } else {
@@ -181,6 +222,38 @@ fn no_step_of_a_million_breaks_what_is_proved() {
         println!("{}: {seen:?}", rule.name());
         assert!(seen.steps >= 1_000_000 && seen.slips_proved_passive > 50_000, "{seen:?}");
     }
+}
+
+/// On two elements of a ball. Without friction P does not hold, and slips do generate energy.
+#[test]
+fn no_step_on_a_coupled_body_breaks_what_is_proved() {
+    let (mut seen, mut frictionless) = (Seen::default(), Seen::default());
+    let ball = ellipsoid(DVec3::splat(0.03), 3);
+    for case in 0..3 {
+        let mut random = Random::new(40 + case);
+        let graded = coupled(&ball, &mut random, 0.05, 0.3, 0.0);
+        let (body, none, rule) = match case {
+            0 => (sparse(&graded, 20), 0.05, SlipRule::Consistent),
+            1 => (graded, 0.05, SlipRule::Paper),
+            _ => (as_coupled(&ball, [600.0, 500.0, 0.3], SlipRule::Paper), 0.0, SlipRule::Paper),
+        };
+        let body = ruled(&body, rule);
+        let none = ruled(&coupled(&ball, &mut random, none, 0.0, 0.0), rule);
+        let element = random.below(body.elements().len()) as u32;
+        let beside = body.across(element, 0).unwrap().0;
+        let proved = Proved::around(&body, 2400, |e| e == element || e == beside);
+        if case == 2 {
+            let tight = |l: &f64| *l < 5e3;
+            assert_eq!(proved.snap_free.iter().flatten().filter(|l| tight(l)).count(), 2);
+        }
+        let nothing = Proved::around(&none, 0, |_| false);
+        for _ in 0..300 {
+            judge_from(&body, element, &proved, &mut random, 60, &mut seen);
+            judge_from(&none, element, &nothing, &mut random, 20, &mut frictionless);
+        }
+    }
+    assert!(seen.slips_proved_passive > 1_000 && seen.steps_proved_smooth > 2_000, "{seen:?}");
+    assert!(frictionless.generated_elsewhere > 20, "{frictionless:?}");
 }
 
 #[test]

@@ -8,7 +8,7 @@ mod bodies;
 use bodies::{RANGE_M, as_coupled, coupled, sparse};
 use common::*;
 use glam::DVec3;
-use palpate_body::{Body, Curve, Extension, SlipRule, TriangleMesh};
+use palpate_body::{Body, Curve, Extension, Potential, SlipRule, TriangleMesh};
 use palpate_engine::{Ablation, Contact, Flags};
 use proptest::prelude::*;
 
@@ -218,5 +218,77 @@ fn where_the_normal_force_vanishes_the_contact_goes_on() {
         println!("{rule:?} {tank}: steps {steepest:?} N, least f_z {least:.2e} N, {slid} slips");
         assert!(slid > 100 && least < 1e-3, "{rule:?} {tank}: {slid} {least}");
         assert!(steepest[1] < 0.15 * steepest[0], "{rule:?} {tank}: {steepest:?}");
+    }
+}
+
+/// Subdividing a plane changes nothing where the potentials are linear in the place, so that both meshes have the same.
+#[test]
+fn a_finer_coupled_plane_is_the_same_plane() {
+    let mut slid = 0;
+    for seed in 0..12 {
+        let mut random = Random::new(seed);
+        let base = coupled(&patch(0.08, 2), &mut random, 0.0, 0.3, 0.0).parts().coupled.unwrap();
+        let slope = DVec3::new(random.range(-4.0, 4.0), random.range(-4.0, 4.0), 0.0);
+        let rule = SlipRule::ALL[seed as usize % 2];
+        let build = |cells| {
+            let mut parts = as_coupled(&patch(0.08, cells), [500.0, 400.0, 0.3], rule).parts();
+            let places = parts.surface.positions().to_vec();
+            for (potential, p) in parts.coupled.as_mut().unwrap().potentials.iter_mut().zip(places) {
+                *potential = scaled(&base.potentials[0], 1.0 + slope.dot(p));
+            }
+            Body::new(parts).unwrap()
+        };
+        let (coarse, fine) = (build(3), build(3 * (2 + seed as usize % 4)));
+        let mut contacts = [&coarse, &fine].map(Contact::new);
+        let mut x = DVec3::new(0.001, 0.002, 5e-4);
+        for i in 0..300 {
+            x += random.direction() * 2e-4;
+            x.z = if i < 10 { x.z.min(4e-4 - 2e-4 * f64::from(i)) } else { x.z.clamp(-4e-3, -2e-4) };
+            let [a, b] = [(0, &coarse), (1, &fine)].map(|(i, body)| step(&mut contacts[i], body, x));
+            let apart = (force(&a) - force(&b)).length();
+            assert!(apart < 1e-6 * (0.1 + force(&a).length()), "{seed} {rule:?} {i}: {apart} N");
+            slid += usize::from(a.flags.has(Flags::SLIPPING));
+        }
+    }
+    assert!(slid > 1000, "{slid}");
+}
+
+/// A potential with all of its energies times a factor.
+fn scaled(potential: &Potential, factor: f64) -> Potential {
+    let curve = |c: &Curve| {
+        let ordinates: Vec<_> = c.ordinates().iter().map(|b| b.map(|y| y * factor)).collect();
+        Curve::from_ordinates(c.knots(), &ordinates, c.extension()).unwrap()
+    };
+    Potential {
+        tangents: potential.tangents,
+        press: curve(&potential.press),
+        offset: potential.offset.each_ref().map(curve),
+        stiffness: potential.stiffness.each_ref().map(curve),
+        cubic: potential.cubic.each_ref().map(curve),
+        quartic: curve(&potential.quartic),
+        friction: potential.friction.clone(),
+    }
+}
+
+/// Pressed straight in, a body that leans aside by more than its press pushes would pull the tool in once its contact point has
+/// gone where W is least: the step says so, and of one that pushes never.
+#[test]
+fn a_normal_force_that_pulls_is_flagged() {
+    for (lean, pulls) in [(2.0, true), (0.05, false)] {
+        let mut parts = as_coupled(&patch(0.08, 9), [300.0, 500.0, 0.1], SlipRule::Consistent).parts();
+        for potential in &mut parts.coupled.as_mut().unwrap().potentials {
+            potential.offset[0] =
+                Curve::hermite(&[0.0, 8e-3], &[0.0, lean], &[0.0; 2], Extension::Constant).unwrap();
+        }
+        let body = Body::new(parts).unwrap();
+        let mut contact = Contact::new(&body);
+        let mut pulled = 0;
+        for i in 0..400 {
+            let o = step(&mut contact, &body, DVec3::new(1e-3, 2e-3, 1e-3 - 1e-5 * f64::from(i)));
+            // The plane's outside is up.
+            assert_eq!(o.flags.has(Flags::PULLING), force(&o).z < 0.0, "{lean} {i}: {o:?}");
+            pulled += usize::from(o.flags.has(Flags::PULLING));
+        }
+        assert_eq!(pulled > 0, pulls, "{lean}: {pulled}");
     }
 }

@@ -105,7 +105,7 @@ fn difference(body: &Body, path: &[DVec3]) -> (f64, u64) {
 }
 
 /// They slip in other step sizes, so they agree better the finer the path is sampled. For points alone: the slow step's
-/// onset knows no spheres. For decoupled laws alone: by differences of energies its many small steps take minutes.
+/// onset knows no spheres.
 #[test]
 fn the_fast_step_follows_the_slow_one() {
     let judged = Judged::default();
@@ -125,6 +125,28 @@ fn the_fast_step_follows_the_slow_one() {
         judged.add(format!("{sort:?}"), slid);
     });
     judged.demand(2, 500);
+}
+
+/// The same on coupled bodies: few and short motions, since the slow step takes differences of their energies.
+#[test]
+fn the_fast_step_follows_the_slow_one_on_coupled_bodies() {
+    let mut slid = 0;
+    for kind in 0..5 {
+        let mut rng = Random::new(70 + kind as u64);
+        let own = ruled(&coupled(&mesh(kind), &mut rng, 0.25, 0.3, 0.0), SlipRule::Paper);
+        let body = if kind == 1 { sparse(&own, 5) } else { own };
+        let coarse = path(&body, &mut rng, 50, 1.5e-4);
+        let (error, slips) = difference(&body, &coarse);
+        assert!(error < 0.1, "{kind}: {error}");
+        let fine: Vec<DVec3> = coarse
+            .windows(2)
+            .flat_map(|w| (0..4).map(move |i| w[0] + (w[1] - w[0]) * (f64::from(i) / 4.0)))
+            .collect();
+        let (finer, _) = difference(&body, &fine);
+        assert!(finer < 0.4 * error, "{kind}: {error} {finer}");
+        slid += slips;
+    }
+    assert!(slid > 100, "{slid}");
 }
 
 /// At the contact point that the fast step found, the force is the law's, and within the friction limit.

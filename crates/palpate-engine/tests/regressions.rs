@@ -52,6 +52,7 @@ fn plane(mesh: &TriangleMesh, lateral: Curve, friction: f64) -> Body {
         lateral_tensors: None,
         tool: Tool::Point,
         slip: SlipRule::Paper,
+        tank: true,
         provenance: Provenance::default(),
     })
     .unwrap()

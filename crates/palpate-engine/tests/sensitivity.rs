@@ -69,7 +69,7 @@ fn compare(body: &Body, random: &mut Random, mut each: impl FnMut(f64, f64)) {
 
 fn ruled_tool(body: &Body, rule: SlipRule, radius_m: f64) -> Body {
     let tool = if radius_m > 0.0 { Tool::Sphere { radius_m } } else { Tool::Point };
-    Body::new(BodyParts { slip: rule, tool, ..body.parts() }).unwrap().with_tank(body.has_tank())
+    Body::new(BodyParts { slip: rule, tool, ..body.parts() }).unwrap()
 }
 
 /// The same, a tenth as stiff laterally, and deeper than a millimetre also down.
@@ -87,7 +87,7 @@ fn softened(body: &Body) -> Body {
         response.friction =
             through(&depths, &depths.map(|d| response.friction.value(d)), Extension::Constant);
     }
-    Body::new(parts).unwrap().with_tank(body.has_tank())
+    Body::new(parts).unwrap()
 }
 
 fn mesh(kind: usize) -> TriangleMesh {

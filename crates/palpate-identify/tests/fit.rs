@@ -65,6 +65,7 @@ fn body(surface: &Surface, fit: &Fit) -> Body {
         lateral_tensors: None,
         tool: Tool::Point,
         slip: SlipRule::Paper,
+        tank: true,
         provenance: Provenance::default(),
     })
     .unwrap()

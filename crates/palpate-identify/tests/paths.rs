@@ -193,6 +193,7 @@ fn nodes_between_mix_turned_tensors_and_make_a_body() {
         lateral_tensors: Some(fit.lateral_tensors),
         tool: Tool::Point,
         slip: SlipRule::Paper,
+        tank: true,
         provenance: Provenance { point_errors: fit.errors.clone(), ..Default::default() },
     })
     .unwrap();

@@ -117,7 +117,7 @@ impl FlagCounts {
 
 impl Serialize for FlagCounts {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let newer = Flags::INVALID_TIME | Flags::OTHER_BODY | Flags::HELD_BACK;
+        let newer = Flags::INVALID_TIME | Flags::OTHER_BODY | Flags::HELD_BACK | Flags::PULLING;
         let counted = Flags::NAMED.into_iter().zip(self.0);
         serializer.collect_map(
             counted.filter(|((_, flag), n)| *n > 0 || !newer.has(*flag)).map(|((name, _), n)| (name, n)),
@@ -206,6 +206,10 @@ impl TraceSummary {
             (
                 n.of(Flags::HELD_BACK),
                 "had slip held back, since it would have given out energy; it lets go later, and the force may jump",
+            ),
+            (
+                n.of(Flags::PULLING),
+                "had a normal force that pulls the tool in: far aside the law's f_z is below 0",
             ),
             (n.of(Flags::BLOCKED), "had the contact point held by an edge or vertex"),
             (

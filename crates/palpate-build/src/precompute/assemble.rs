@@ -97,10 +97,10 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
         lateral_tensors: Some(fitted.lateral_tensors),
         tool: simulation.tool.of_body(),
         slip: spec.slip,
+        tank: spec.tank,
         provenance: Provenance { point_errors: fitted.errors, ..provenance(record, notes) },
     })
-    .map_err(in_spec)?
-    .with_tank(spec.tank);
+    .map_err(in_spec)?;
     Ok(Assembled { body, report: fitted.fit.report, stops: told })
 }
 

@@ -67,6 +67,7 @@ pub fn cylinder(triangles: usize, ratio: f64) -> Result<Body> {
         lateral_tensors: Some(tensors),
         tool: Tool::Point,
         slip: SlipRule::Paper,
+        tank: true,
         provenance: Provenance::default(),
     })?)
 }

@@ -1,7 +1,7 @@
 //! The friction floor (MODEL 5, E4): the least friction, at each test point and depth, with which P holds.
 
 use anyhow::{Result, bail};
-use palpate_body::{Body, BodyError, BodyParts, Curve, Extension, SlipRule};
+use palpate_body::{Body, BodyParts, Curve, Extension, SlipRule};
 use palpate_engine::certify::{Assumptions, Cell, Criterion, Effort, ElementStates, least};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -34,8 +34,7 @@ pub fn raise(body: &Body, assumptions: &Assumptions, evaluations: u32) -> Result
     let assumptions = &Assumptions { slip: SlipRule::Paper, ..*assumptions };
     let knots = body.responses().depth_knots().values().to_vec();
     let intervals = knots.len() - 1;
-    let again = |parts| Ok::<_, BodyError>(Body::new(parts)?.with_tank(body.has_tank()));
-    let mut body_now = again(body.parts())?;
+    let mut body_now = Body::new(body.parts())?;
     let mut dirty: Vec<bool> = vec![true; body.curves().len()];
     for round in 1..=ROUNDS {
         let elements: Vec<u32> = (0..body.elements().len() as u32)
@@ -73,9 +72,9 @@ pub fn raise(body: &Body, assumptions: &Assumptions, evaluations: u32) -> Result
         }
         if changed == 0 {
             let report = report(body, &body_now, round);
-            return Ok((again(noted(body_now.parts(), &report))?, report));
+            return Ok((Body::new(noted(body_now.parts(), &report))?, report));
         }
-        body_now = again(parts)?;
+        body_now = Body::new(parts)?;
     }
     bail!(
         "friction does not settle: raising it lets more of the surface slip that then needs more; refine the mesh or raise \

@@ -6,15 +6,19 @@ pub mod witness;
 
 use palpate_body::stiffness::{StiffnessAt, stiffness_max};
 use palpate_body::{Body, NO_TWIN, SlipRule};
-use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, ElementStates, ROUNDING, least};
+use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, ElementStates, ROUNDING, SHALLOWEST, least};
 use rayon::prelude::*;
 use serde::Serialize;
 
 /// Evaluations of a bound for each element and criterion, more while it is undecided ([`Effort::evaluations`]): 1,280
 /// elements with the rule `paper` then take 9 s of processor time. The drives with gradients take five to ten times as long
-/// to bound.
-pub fn evaluations(rule: SlipRule) -> u32 {
-    if rule == SlipRule::Paper { 3000 } else { 600 }
+/// to bound, a coupled law fifty.
+pub fn evaluations(body: &Body, rule: SlipRule) -> u32 {
+    match rule {
+        _ if body.is_coupled() => 200,
+        SlipRule::Paper => 3000,
+        _ => 600,
+    }
 }
 
 /// P and S of one element.
@@ -77,13 +81,15 @@ pub fn elements(body: &Body, assumptions: &Assumptions, evaluations: u32) -> Vec
             let cells = patch.cells();
             let effort = |absolute| Effort { evaluations, absolute, relative: 0.1 };
             let snap_free = least(Criterion::SnapFree, &patch, &cells, effort(1.0));
+            let too_far = patch.holds_too_far();
             Element {
                 passive: least(Criterion::Passive, &patch, &cells, effort(0.01)),
-                lipschitz: (snap_free.proved > 0.0)
-                    .then(|| least(Criterion::Lipschitz, &patch, &cells, effort(1.0))),
+                lipschitz: (snap_free.proved > 0.0).then(|| {
+                    least(Criterion::Lipschitz, &patch.snap_free(snap_free.proved), &cells, effort(1.0))
+                }),
                 snap_free,
                 creased: is_creased(body, element),
-                too_far: patch.holds_too_far(),
+                too_far,
             }
         })
         .collect()
@@ -260,7 +266,15 @@ pub struct Scope {
     pub step_m: f64,
     /// How far off the drive a slip may run, rad.
     pub aside_rad: f64,
+    /// Of a coupled law: the greatest lateral deflection, m, its range.
+    pub lateral_m: Option<f64>,
+    /// The least δz that P is asked of, m; 0 with curves.
+    pub passive_from_m: f64,
 }
+
+/// What keeps a body passive of which P is not proved.
+const TANK: &str = "with the tank, which the body has, no motion gets back more than it put in, whatever of P is proved: where P \
+                    fails slip waits";
 
 /// What of `exact` is no matter of bounds.
 const EXACT: &str = "exact slips down the energy's own slope and never up, whatever the body: passive by construction. Its drive \
@@ -290,6 +304,10 @@ pub fn certificate(body: &Body, assumptions: &Assumptions, elements: &[Element])
         (passive.proved_elements, passive.undecided_elements) = (elements.len(), 0);
         remarks.push(EXACT.to_owned());
     }
+    if !passive.holds && body.has_tank() {
+        remarks.push(TANK.to_owned());
+    }
+    let depth_m = assumptions.depth_m.unwrap_or(end);
     Certificate {
         passive,
         lipschitz_n_per_m: (snap_free.holds && everywhere).then(|| lipschitz(|b| b.proved).max(stick)),
@@ -304,9 +322,11 @@ pub fn certificate(body: &Body, assumptions: &Assumptions, elements: &[Element])
         slip: assumptions.slip,
         remarks,
         scope: Scope {
-            depth_m: assumptions.depth_m.unwrap_or(end),
+            depth_m,
             step_m: assumptions.step_m,
             aside_rad: assumptions.aside_rad,
+            lateral_m: body.coupled_law().map(|law| law.range_m),
+            passive_from_m: if body.is_coupled() { SHALLOWEST * depth_m } else { 0.0 },
         },
         elements: elements.len(),
         border_edges: body.elements().iter().flat_map(|e| e.twins).filter(|t| *t == NO_TWIN).count(),

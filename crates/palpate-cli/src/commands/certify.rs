@@ -97,15 +97,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut body = Body::open(&args.body)?;
     let rule = args.slip.map_or(body.slip(), super::Slip::rule);
     args.check_rule(rule)?;
-    if body.is_coupled() {
+    if args.raise_friction && body.is_coupled() {
         return Err(anyhow::anyhow!(
-            "{}: its law is a coupled potential, of which certificates are not proved yet; `palpate inspect` gives its \
-             stiffness, and a trace's ledger what slip gives out along a path",
+            "{}: its law is a coupled potential, and --raise-friction is for bodies with curves; keep the tank, or give more friction \
+             when the body is made",
             args.body.display()
         )
         .into());
     }
-    let evaluations = args.evaluations.unwrap_or_else(|| crate::certify::evaluations(rule));
+    let evaluations = args.evaluations.unwrap_or_else(|| crate::certify::evaluations(&body, rule));
     let assumptions = Assumptions {
         slip: rule,
         step_m: args.step_mm * 1e-3,
@@ -132,7 +132,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     found.device = args.device().map(|device| {
         let pace = (device.position_error_m > 0.0 && found.snap_free.holds)
-            .then(|| pace(&body, &assumptions, evaluations))
+            .then(|| pace(&body, &assumptions, &elements, evaluations))
             .flatten();
         device::limits(&body, device, found.lipschitz_n_per_m, pace)
     });
@@ -223,13 +223,13 @@ fn worst(
 }
 
 /// The bound of |Δc|/|Δx|.
-fn pace(body: &Body, assumptions: &Assumptions, evaluations: u32) -> Option<f64> {
+fn pace(body: &Body, assumptions: &Assumptions, elements: &[Element], evaluations: u32) -> Option<f64> {
     let effort = Effort { evaluations, absolute: 0.01, relative: 0.1 };
-    let of = |element| {
-        let patch = ElementStates::new(body, element, assumptions);
+    let of = |(element, proved): (usize, &Element)| {
+        let patch = ElementStates::new(body, element as u32, assumptions).snap_free(proved.snap_free.proved);
         least(Criterion::Pace, &patch, &patch.cells(), effort).proved
     };
-    let least = (0..body.elements().len() as u32).into_par_iter().map(of).reduce(|| 0.0, f64::min);
+    let least = elements.par_iter().enumerate().map(of).reduce(|| 0.0, f64::min);
     (least > f64::NEG_INFINITY).then_some(-least)
 }
 
@@ -315,6 +315,13 @@ fn text(c: &Certificate) -> String {
         c.scope.depth_m * 1e3,
         c.scope.step_m * 1e3
     );
+    if let Some(lateral) = c.scope.lateral_m {
+        out += &format!(
+            "of a coupled law: to {:.3} mm laterally, P from {:.3} mm depth on\n",
+            lateral * 1e3,
+            c.scope.passive_from_m * 1e3
+        );
+    }
     let remark =
         |count: usize, what: &str| if count > 0 { format!("{count} {what}\n") } else { String::new() };
     out += &remark(c.border_edges, "border edges: a contact that runs over one ends with the force it has");
@@ -380,15 +387,15 @@ fn text(c: &Certificate) -> String {
         Some(device::Limits {
             stiffness_limit_n_per_m: Some(stiffness),
             depth_limit_m: Some(depth),
-            force_limit_n: Some(force),
+            force_limit_n,
             whole_depth,
             ..
         }) => {
             out += &format!(
-                "\nthe device holds {stiffness:.1} N/m: the sampled loop is passive down to {:.3} mm{}, with {force:.3} N \
-                 anywhere\n",
+                "\nthe device holds {stiffness:.1} N/m: the sampled loop is passive down to {:.3} mm{}{}\n",
                 depth * 1e3,
-                if *whole_depth { " (all that the curves know)" } else { "" },
+                if *whole_depth { " (all that the law knows)" } else { "" },
+                force_limit_n.map_or_else(String::new, |force| format!(", with {force:.3} N anywhere")),
             );
         }
         Some(d) => {

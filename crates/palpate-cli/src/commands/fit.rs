@@ -130,10 +130,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         lateral_tensors: None,
         tool: spec.as_ref().map_or(Tool::Point, |s| s.tool),
         slip: spec.as_ref().map_or_else(SlipRule::default, |s| s.slip),
+        tank: spec.as_ref().is_none_or(|s| s.tank),
         provenance,
     })
-    .map_err(|e| inputs.first().map_or_else(|| anyhow!("{e}"), |input| anyhow!("{}: {e}", input.display())))?
-    .with_tank(spec.as_ref().is_none_or(|s| s.tank));
+    .map_err(|e| inputs.first().map_or_else(|| anyhow!("{e}"), |input| anyhow!("{}: {e}", input.display())))?;
     body.save(&args.output)?;
 
     for note in &notes {

@@ -158,7 +158,7 @@ fn tube() -> Result<Body> {
         let [kz, kr] = [NORMAL_STIFFNESS, LATERAL_STIFFNESS].map(|k| k * cylinder::stiffness(p));
         Response::paper(kz, kr, WET, cylinder::DEFLECTION_MAX, cylinder::DEFLECTION_MAX)
     };
-    Ok(Body::new(cylinder::parts(surface, response, SlipRule::Paper)?)?.with_tank(false))
+    Ok(Body::new(cylinder::parts(surface, response, SlipRule::Paper)?)?)
 }
 
 /// A hand that presses to a depth and then goes around, and along as it goes.

@@ -64,7 +64,7 @@ fn tube(around: u32) -> Result<Body> {
         Response::paper(normal, LATERAL_STIFFNESS, 0.0, DEPTH, DEPTH)
     };
     // Each rule by itself.
-    Ok(Body::new(parts(surface, response, SlipRule::Consistent)?)?.with_tank(false))
+    Ok(Body::new(parts(surface, response, SlipRule::Consistent)?)?)
 }
 
 fn path() -> impl Iterator<Item = DVec3> {

@@ -27,7 +27,7 @@ pub(super) fn bound(
         Criterion::Floor => f64::NEG_INFINITY,
         Criterion::SnapFree | Criterion::Lipschitz | Criterion::Pace => {
             let rates = Rates::new(patch, slopes, cell, view, frame);
-            lipschitz(criterion, &rates.slope(&pieces, criterion != Criterion::SnapFree))
+            lipschitz(criterion, patch, &rates.slope(&pieces, criterion != Criterion::SnapFree))
         }
     }
 }

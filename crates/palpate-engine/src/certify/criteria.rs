@@ -167,7 +167,7 @@ pub(super) fn arc(half: f64) -> (Interval, Interval) {
 
 /// The deflection ρ with which a state's lateral force is at its limit, m.
 pub(super) fn limit_reach(patch: &ElementStates, state: &Cell) -> f64 {
-    if patch.slopes.is_some() {
+    if !patch.drives_by_curve() {
         return super::states::limit_reach(patch, state);
     }
     let frame = Frame::new(patch, &patch.view(state));
@@ -204,6 +204,9 @@ impl Criterion {
             // The frames are folded against the element: no direction is what it seems.
             return f64::NEG_INFINITY;
         }
+        if let Some(law) = &patch.coupled {
+            return super::coupled::bound(self, patch, law, cell, &view);
+        }
         if patch.slopes.is_some() {
             return super::consistent::bound(self, patch, cell, &view, &frame);
         }
@@ -225,7 +228,7 @@ impl Criterion {
                 -passive(patch, cell, &view, &frame).map(needs).fold(0.0, f64::max)
             }
             Criterion::SnapFree | Criterion::Lipschitz | Criterion::Pace => {
-                lipschitz(self, &slope(patch, cell, &view, &frame))
+                lipschitz(self, patch, &slope(patch, cell, &view, &frame))
             }
         }
     }
@@ -267,12 +270,13 @@ fn passive(
 }
 
 /// The bound of S, L or the pace, from what slip does.
-pub(super) fn lipschitz(criterion: Criterion, s: &Slope) -> f64 {
+pub(super) fn lipschitz(criterion: Criterion, patch: &ElementStates, s: &Slope) -> f64 {
+    let eta = s.eta.max(patch.least_eta);
     match criterion {
         Criterion::SnapFree => s.eta,
-        _ if s.eta <= 0.0 => f64::NEG_INFINITY,
-        Criterion::Pace => -s.excess / s.eta,
-        _ => -(s.stick + s.force * s.excess / s.eta),
+        _ if eta <= 0.0 => f64::NEG_INFINITY,
+        Criterion::Pace => -s.excess / eta,
+        _ => -(s.stick + s.force * s.excess / eta),
     }
 }
 

@@ -9,9 +9,9 @@ use super::turning::{Turning, coordinates, turned};
 use palpate_body::SlipRule;
 
 /// How much of the gradients, computed in single precision, may be rounding.
-const SINGLE: f64 = 1e-6;
+pub(super) const SINGLE: f64 = 1e-6;
 /// What the slip search takes for rounding of the drive, as a share of what is taken off the lateral force.
-const NOISE: f64 = 6e-7;
+pub(super) const NOISE: f64 = 6e-7;
 
 /// The drive by the forces, g̃/f, and what it misses of g, (g − P g̃)/f: blends of a part for each of the forces with the
 /// share s of the lateral one, apart from what b's turning takes, which depends on both at once.

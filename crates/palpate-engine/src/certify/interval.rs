@@ -3,6 +3,7 @@
 //! Ends are rounded to nearest, not outwards: a bound holds up to rounding, about 10⁻¹⁴ of the terms it is made of.
 
 use glam::{DMat3, DVec3};
+use palpate_body::Number;
 use std::ops::{Add, Mul, Neg, Sub};
 
 /// All numbers from `lo` to `hi`.
@@ -147,6 +148,61 @@ impl Mul<f64> for Interval {
     fn mul(self, x: f64) -> Self {
         let (a, b) = (product(self.lo, x), product(self.hi, x));
         if x < 0.0 { Interval { lo: b, hi: a } } else { Interval { lo: a, hi: b } }
+    }
+}
+
+impl Add<f64> for Interval {
+    type Output = Self;
+    #[inline]
+    fn add(self, x: f64) -> Self {
+        Interval { lo: self.lo + x, hi: self.hi + x }
+    }
+}
+
+impl Number for Interval {
+    #[inline]
+    fn constant(x: f64) -> Self {
+        Interval::point(x)
+    }
+
+    #[inline]
+    fn sqrt(self) -> Self {
+        Interval::sqrt(self)
+    }
+
+    #[inline]
+    fn recip(self) -> Self {
+        Interval::ONE.per(self)
+    }
+
+    #[inline]
+    fn at_least(self, x: f64) -> Self {
+        Interval { lo: greatest(self.lo, x), hi: greatest(self.hi, x) }
+    }
+
+    #[inline]
+    fn is_above(self, x: f64) -> Self {
+        Interval { lo: self.lo.is_above(x), hi: self.hi.is_above(x) }
+    }
+
+    /// The weights' sum is 1 though each has a range: what is left of it goes to the least values first, and to the greatest.
+    fn blend(n: [Self; 3], x: [Self; 3]) -> Self {
+        let lowest = |x: [f64; 3]| {
+            let (mut left, mut sum) = (1.0, 0.0);
+            let mut order = [0, 1, 2];
+            order.sort_unstable_by(|&a: &usize, &b| x[a].total_cmp(&x[b]));
+            for i in order {
+                left -= n[i].lo;
+                sum += product(n[i].lo, x[i]);
+            }
+            for i in order {
+                let more = least(left, n[i].hi - n[i].lo);
+                sum += product(more, x[i]);
+                left -= more;
+            }
+            sum
+        };
+        Interval { lo: lowest(x.map(|x| x.lo)), hi: -lowest(x.map(|x| -x.hi)) }
     }
 }
 

@@ -8,7 +8,9 @@
 //!
 //! [`Contact::step`]: crate::Contact::step
 
+mod centred;
 mod consistent;
+mod coupled;
 mod criteria;
 mod curves;
 mod drive;
@@ -25,6 +27,7 @@ mod turning;
 
 use palpate_body::SlipRule;
 
+pub use coupled::SHALLOWEST;
 pub use criteria::Criterion;
 pub use patch::{Cell, ElementStates, SlipState};
 pub use search::{Bounds, Effort, ROUNDING, least};

@@ -1,6 +1,7 @@
 //! An element as the certificates see it, and the states of slip on it.
 
 use super::Assumptions;
+use super::coupled::Coupled;
 use super::curves::Corners;
 use super::interval::{Interval, IntervalVector};
 use super::law::Law;
@@ -137,8 +138,10 @@ pub struct ElementStates {
     frames: [DVec3; 3],
     /// A of the three nodes, and the least and greatest eigenvalue of any.
     tensors: Option<([DMat3; 3], [f64; 2])>,
-    /// Forces, friction and energies.
+    /// Forces, friction and energies; of a coupled body nothing,
     pub(super) law: Law,
+    /// and this instead.
+    pub(super) coupled: Option<Coupled>,
     /// Which rule's slips.
     pub(super) slip: SlipRule,
     /// What its drive takes off the lateral force; none for `paper`.
@@ -155,6 +158,8 @@ pub struct ElementStates {
     pub(super) step_m: f64,
     /// How far the way of a slip may be off the drive, rad.
     pub(super) aside: f64,
+    /// What η is proved to be at least, N/m.
+    pub(super) least_eta: f64,
 }
 
 impl ElementStates {
@@ -187,7 +192,10 @@ impl ElementStates {
                 let greatest = values.iter().fold(0.0f64, |v, [high, _]| v.max(*high));
                 (tensors.map(|a| azimuth.transpose() * matrix(a) * azimuth), [least, greatest])
             }),
-            slopes: (slip != SlipRule::Paper)
+            coupled: body
+                .is_coupled()
+                .then(|| Coupled::new(body, element, slip, axes, assumptions.friction_factor)),
+            slopes: (slip != SlipRule::Paper && !body.is_coupled())
                 .then(|| Slopes::new(body, element, slip, axes, gradients, law.curves())),
             slip,
             law,
@@ -197,9 +205,15 @@ impl ElementStates {
             beyond: false,
             step_m: assumptions.step_m,
             aside: assumptions.aside_rad,
+            least_eta: 0.0,
         };
         let [depth_end, lateral_end] = patch.law.ends();
         patch.depth_end_m = assumptions.depth_m.unwrap_or(depth_end).min(depth_end);
+        if let Some(law) = &patch.coupled {
+            // What was found, and no farther.
+            patch.reach_m = law.range_m;
+            return patch;
+        }
         // Within the limit before the step, a step deeper: the limit then is the most that friction can hold.
         let [least, greatest] = patch.stretch().map(f64::sqrt);
         let held = patch.law.farthest(patch.depth_end_m + patch.step_m, least);
@@ -213,6 +227,11 @@ impl ElementStates {
         patch
     }
 
+    /// Of which S was proved with this bound of η, N/m: L and the pace have bounds then wherever cells of their own give none.
+    pub fn snap_free(self, proved: f64) -> Self {
+        ElementStates { least_eta: proved.max(0.0), ..self }
+    }
+
     /// All of its slip states, in sectors of 45°.
     pub fn cells(&self) -> Vec<Cell> {
         (0..8)
@@ -223,6 +242,11 @@ impl ElementStates {
                 reach_m: [0.0, self.reach_m],
             })
             .collect()
+    }
+
+    /// Whether the drive is the lateral curve's force, so that its limit is a root of that curve.
+    pub(super) fn drives_by_curve(&self) -> bool {
+        self.slopes.is_none() && self.coupled.is_none()
     }
 
     /// Whether the lateral force depends on the direction.

@@ -15,10 +15,64 @@ use glam::{DMat3, DVec3};
 use palpate_body::SlipRule;
 
 /// What changes by how much while the contact point moves along the element, or the tool.
-struct Rate {
-    drive: IntervalVector,
-    force: IntervalVector,
-    limit: Interval,
+pub(super) struct Rate {
+    pub drive: IntervalVector,
+    pub force: IntervalVector,
+    pub limit: Interval,
+}
+
+/// What slip does to the drive and the force, from their rates while c moves along x and y of the element and, if asked for, the tool
+/// along x, y and z: along t, P v's direction, v = d/|d| the drive's. `own` drives lie in the element, others at right angles to û;
+/// `ways` are what t can be.
+pub(super) fn slope(
+    along: &[Rate; 2],
+    tool: Option<&[Rate; 3]>,
+    u: IntervalVector,
+    own: bool,
+    ways: impl Iterator<Item = [Interval; 2]> + Clone,
+    frictionless: bool,
+    stick: f64,
+) -> Slope {
+    // v = |P v| Σ t_i a_i with a_i = E_i − N û_i/û_z.
+    let lean = [0, 1].map(|i| if own { Interval::ZERO } else { u[i].per(u[2]) });
+    let fall = [0, 1].map(|i| [0, 1].map(|j: usize| lean[i] * along[j].drive[2] - along[j].drive[i]));
+    // Both entries of the diagonal at their least: a quadratic form grows with them.
+    let (mean, spread) = (0.5 * (fall[0][0].lo + fall[1][1].lo), 0.5 * (fall[0][0].lo - fall[1][1].lo));
+    let skew = (fall[0][1] + fall[1][0]) * 0.5;
+    // Whatever the direction: its least eigenvalue.
+    let eigenvalue = mean - spread.hypot(skew.magnitude());
+    let eta = |t: [Interval; 2]| {
+        let out = lean[0] * t[0] + lean[1] * t[1];
+        let size = Interval::ONE.per((Interval::ONE + out.square()).sqrt());
+        // With t = (cos φ, sin φ): mean + spread cos 2φ + skew sin 2φ.
+        let cos2 = (t[0].square() - t[1].square()).clip(-1.0, 1.0);
+        let sin2 = (t[0] * t[1] * 2.0).clip(-1.0, 1.0);
+        let falls = mean + (cos2 * spread + skew * sin2).lo;
+        let falls = falls.max(eigenvalue);
+        let limit = (along[0].limit * t[0] + along[1].limit * t[1]).lo;
+        let limit = limit.max(-along[0].limit.magnitude().hypot(along[1].limit.magnitude()));
+        limit + falls * if falls < 0.0 { size.hi } else { size.lo }
+    };
+    let eta = ways.clone().map(eta).fold(f64::INFINITY, f64::min);
+    let t = ways.reduce(|a, b| [a[0].join(b[0]), a[1].join(b[1])]).unwrap_or([Interval::ZERO; 2]);
+    let out = lean[0] * t[0] + lean[1] * t[1];
+    let size = Interval::ONE.per((Interval::ONE + out.square()).sqrt());
+    let force = sum([scaled(along[0].force, t[0]), scaled(along[1].force, t[1])]);
+    let v = [size * t[0], size * t[1], -(size * out)];
+    let excess = |rate: &Rate| {
+        if frictionless {
+            length(rate.drive).hi + rate.limit.magnitude()
+        } else {
+            (dot(v, rate.drive) - rate.limit).magnitude()
+        }
+    };
+    let excess: f64 = tool.into_iter().flatten().map(|rate| excess(rate).powi(2)).sum();
+    Slope {
+        eta,
+        force: length(force).hi.min((length(along[0].force).hi).hypot(length(along[1].force).hi)),
+        excess: excess.sqrt(),
+        stick,
+    }
 }
 
 /// How the deflections change.
@@ -290,52 +344,16 @@ impl<'a> Rates<'a> {
 
     /// What slip does to the drive and the force: along t, P v's direction, v = g̃/|g̃|.
     pub fn slope(&self, pieces: &[Option<Piece>; SHARES], tips: bool) -> Slope {
-        let Rates { patch, frame, .. } = self;
-        let own = patch.slip == SlipRule::Exact;
-        let [x, y] = [DVec3::X, DVec3::Y];
-        let along = [self.rate(-x, Some(0)), self.rate(-y, Some(1))];
-        // v = |P v| Σ t_i a_i with a_i = E_i − N û_i/û_z.
-        let lean = [0, 1].map(|i| if own { Interval::ZERO } else { frame.u[i].per(frame.u[2]) });
-        let fall = [0, 1].map(|i| [0, 1].map(|j: usize| lean[i] * along[j].drive[2] - along[j].drive[i]));
-        // Both entries of the diagonal at their least: a quadratic form grows with them.
-        let (mean, spread) = (0.5 * (fall[0][0].lo + fall[1][1].lo), 0.5 * (fall[0][0].lo - fall[1][1].lo));
-        let skew = (fall[0][1] + fall[1][0]) * 0.5;
-        // Whatever the direction: its least eigenvalue.
-        let eigenvalue = mean - spread.hypot(skew.magnitude());
-        let eta = |t: [Interval; 2]| {
-            let out = lean[0] * t[0] + lean[1] * t[1];
-            let size = Interval::ONE.per((Interval::ONE + out.square()).sqrt());
-            // With t = (cos φ, sin φ): mean + spread cos 2φ + skew sin 2φ.
-            let cos2 = (t[0].square() - t[1].square()).clip(-1.0, 1.0);
-            let sin2 = (t[0] * t[1] * 2.0).clip(-1.0, 1.0);
-            let falls = mean + (cos2 * spread + skew * sin2).lo;
-            let falls = falls.max(eigenvalue);
-            let limit = (along[0].limit * t[0] + along[1].limit * t[1]).lo;
-            let limit = limit.max(-along[0].limit.magnitude().hypot(along[1].limit.magnitude()));
-            limit + falls * if falls < 0.0 { size.hi } else { size.lo }
-        };
-        let ways = pieces.iter().flatten().map(|p| p.way);
-        let eta = ways.clone().map(eta).fold(f64::INFINITY, f64::min);
-        let t = ways.reduce(|a, b| [a[0].join(b[0]), a[1].join(b[1])]).unwrap_or([Interval::ZERO; 2]);
-        let out = lean[0] * t[0] + lean[1] * t[1];
-        let size = Interval::ONE.per((Interval::ONE + out.square()).sqrt());
-        let force = sum([scaled(along[0].force, t[0]), scaled(along[1].force, t[1])]);
-
-        let v = [size * t[0], size * t[1], -(size * out)];
-        let frictionless = self.law.at.friction.lo <= 0.0;
-        let tool_position = |axis: DVec3| {
-            let rate = self.rate(axis, None);
-            let lateral_force =
-                if frictionless { length(rate.drive).hi } else { dot(v, rate.drive).magnitude() };
-            let limit = rate.limit.magnitude();
-            if frictionless { lateral_force + limit } else { (dot(v, rate.drive) - rate.limit).magnitude() }
-        };
-        let excess: f64 = if tips { DVec3::AXES.map(tool_position).iter().map(|x| x * x).sum() } else { 0.0 };
-        Slope {
-            eta,
-            force: length(force).hi.min((length(along[0].force).hi).hypot(length(along[1].force).hi)),
-            excess: excess.sqrt(),
-            stick: self.law.stiffness(patch.stretch()[1]),
-        }
+        let along = [self.rate(-DVec3::X, Some(0)), self.rate(-DVec3::Y, Some(1))];
+        let tool = tips.then(|| DVec3::AXES.map(|axis| self.rate(axis, None)));
+        slope(
+            &along,
+            tool.as_ref(),
+            self.frame.u,
+            self.patch.slip == SlipRule::Exact,
+            pieces.iter().flatten().map(|p| p.way),
+            self.law.at.friction.lo <= 0.0,
+            self.law.stiffness(self.patch.stretch()[1]),
+        )
     }
 }

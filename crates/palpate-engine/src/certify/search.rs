@@ -80,7 +80,7 @@ pub fn least(criterion: Criterion, patch: &ElementStates, cells: &[Cell], effort
         found.evaluations += 1;
         if bound < f64::INFINITY {
             // Where the limit is found by a search of its own, an eighth of the cells has to do.
-            if bound < found.found && (patch.slopes.is_none() || open.len().is_multiple_of(8)) {
+            if bound < found.found && (patch.drives_by_curve() || open.len().is_multiple_of(8)) {
                 sample(criterion, patch, cell.middle(), cell.reach_m, found);
             }
             open.push(Open { bound, cell });
@@ -123,7 +123,7 @@ fn scan(criterion: Criterion, patch: &ElementStates, cell: &Cell, found: &mut Bo
     let places = [cell.corners[0], cell.corners[1], cell.corners[2], state.corners[0]];
     for place in places {
         // Where the limit has to be searched for, fewer depths.
-        let shares: &[f64] = if patch.slopes.is_none() { &[0.05, 0.3, 0.65, 1.0] } else { &[0.3, 1.0] };
+        let shares: &[f64] = if patch.drives_by_curve() { &[0.05, 0.3, 0.65, 1.0] } else { &[0.3, 1.0] };
         for share in shares {
             let depth = cell.depth_m[0] + share * (cell.depth_m[1] - cell.depth_m[0]);
             let state = Cell { corners: [place; 3], depth_m: [depth; 2], ..state };
@@ -245,7 +245,7 @@ fn sample(
     [least, most]: [f64; 2],
     found: &mut Bounds,
 ) {
-    if patch.slopes.is_some() {
+    if !patch.drives_by_curve() {
         // At its limit, and as it is.
         let crossing = states::crossing(patch, &state, [least, most], 4).map(|reach| [reach; 2]);
         for reach_m in crossing.into_iter().chain([state.reach_m]) {

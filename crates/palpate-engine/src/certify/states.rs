@@ -67,25 +67,28 @@ fn can_rest(size: Interval, noise: f64, friction: Interval, share: Interval) -> 
     size.lo * BELOW - noise <= friction.hi * (1.0 - share.lo)
 }
 
-/// Whether a step before a state could have been within the limit.
-fn came_from_rest(patch: &ElementStates, cell: &Cell, view: &View, frame: &Frame) -> bool {
-    let Some(slopes) = &patch.slopes else { return true };
+/// All states that a state of the cell can have been a step before; none where that is any. `lean` is û's least part along the
+/// element's normal.
+pub(super) fn before(patch: &ElementStates, cell: &Cell, view: &View, lean: f64) -> Option<Cell> {
     let [least, greatest] = patch.stretch().map(f64::sqrt);
     let way = patch.step_m * greatest;
     if cell.reach_m[0] <= way {
-        return true;
+        return None;
     }
     // δ_t turns by no more than this, and its projection a little more.
-    let azimuth = (patch.step_m * greatest / cell.reach_m[0]).min(1.0).asin() / frame.u[2].lo.max(0.1);
-    if view.half + azimuth > 1.4 || least <= 0.0 {
-        return true;
-    }
-    let before = Cell {
+    let azimuth = (patch.step_m * greatest / cell.reach_m[0]).min(1.0).asin() / lean.max(0.1);
+    (view.half + azimuth <= 1.4 && least > 0.0).then(|| Cell {
         depth_m: [(cell.depth_m[0] - patch.step_m).max(0.0), cell.depth_m[1] + patch.step_m],
         azimuth: [cell.azimuth[0] - azimuth, cell.azimuth[1] + azimuth],
         reach_m: [cell.reach_m[0] - way, cell.reach_m[1] + way],
         ..*cell
-    };
+    })
+}
+
+/// Whether a step before a state could have been within the limit.
+fn came_from_rest(patch: &ElementStates, cell: &Cell, view: &View, frame: &Frame) -> bool {
+    let Some(slopes) = &patch.slopes else { return true };
+    let Some(before) = before(patch, cell, view, frame.u[2].lo) else { return true };
     let view = patch.view(&before);
     let frame = Frame::new(patch, &view);
     let drive = Drive::new(patch, slopes, &before, &view, &frame);
@@ -145,8 +148,11 @@ pub(super) fn crossing(
     Some(nearest.1).filter(|_| nearest.0 >= 0.0)
 }
 
-/// |g̃|/f − μ f_z/f at a state.
+/// How far the drive is over the limit at a state: |g̃|/f − μ f_z/f, or of a coupled body |d| − L.
 fn over(patch: &ElementStates, state: &Cell) -> Option<f64> {
+    if let Some(law) = &patch.coupled {
+        return super::coupled::excess(patch, law, state);
+    }
     let slopes = patch.slopes.as_ref()?;
     let view = patch.view(state);
     let frame = Frame::new(patch, &view);

@@ -2,12 +2,13 @@
 
 use super::*;
 use crate::Flags;
+use crate::coupled::Coupled;
 use crate::decoupled::{Anisotropic, Isotropic};
-use crate::drive::{Consistent, Exact, Rule};
+use crate::drive::{Consistent, Exact, Paper, Rule};
 use crate::force_law::ForceLaw;
 use crate::kernel::{Ablation, ElementKernel, Setting};
 use crate::sensitivity;
-use crate::sensitivity::tests::{ball, random};
+use crate::sensitivity::tests::{ball, coupled_ball, random};
 use glam::DVec3;
 use palpate_body::{BlendWeights, Body, SlipRule, SurfacePoint};
 
@@ -85,9 +86,12 @@ fn compare<L: ForceLaw>(bodies: &[Body]) {
 
 /// The ball, and one whose nodes blend three test points' curves.
 fn bodies(ratio: f64) -> [Body; 2] {
-    let own = ball(ratio);
+    own_and_mixed(ball(ratio))
+}
+
+fn own_and_mixed(own: Body) -> [Body; 2] {
     let mut mixed = own.parts();
-    let count = mixed.responses.len() as u32;
+    let count = mixed.test_point_nodes.len() as u32;
     for (n, mix) in (0..).zip(&mut mixed.blends) {
         *mix = match n % 3 {
             0 => BlendWeights { test_points: [0, 7, 19], weights: [0.2, 0.5, 0.3] },
@@ -107,6 +111,10 @@ fn drives_are_those_of_the_engine() {
     drives::<Anisotropic, Consistent>(&[bodies(2.0), bodies(20.0)].concat(), SlipRule::Consistent);
     drives::<Isotropic, Exact>(&bodies(1.0), SlipRule::Exact);
     drives::<Anisotropic, Exact>(&bodies(3.0), SlipRule::Exact);
+    let coupled = own_and_mixed(coupled_ball());
+    drives::<Coupled, Paper>(&coupled, SlipRule::Paper);
+    drives::<Coupled, Consistent>(&coupled, SlipRule::Consistent);
+    drives::<Coupled, Exact>(&coupled, SlipRule::Exact);
 }
 
 fn drives<L: ForceLaw, R: Rule>(bodies: &[Body], slip: SlipRule) {
@@ -119,6 +127,8 @@ fn drives<L: ForceLaw, R: Rule>(bodies: &[Body], slip: SlipRule) {
         let patch = ElementStates::new(body, element, &Assumptions { slip, ..EXACT });
         let n = anywhere(&mut unit).map(|n| 0.02 + 0.94 * n);
         let (depth, azimuth, reach) = (1e-4 + 7e-3 * unit(), 6.0 * unit(), 3e-4 + 6e-3 * unit());
+        // Of coupled bodies within their range.
+        let reach = if L::COUPLED { 0.3 * reach } else { reach };
         let state = Cell { corners: [n; 3], depth_m: [depth; 2], azimuth: [azimuth; 2], reach_m: [reach; 2] };
         let tool_position = patch.state(&state).tool_position;
         let setting = Setting::new(Ablation::None, body.tool().radius_m());
@@ -129,7 +139,8 @@ fn drives<L: ForceLaw, R: Rule>(bodies: &[Body], slip: SlipRule) {
             continue;
         }
         compared += 1;
-        let forces = f.normal + patch.law.lateral_at(n, reach);
+        let lateral_force = if L::COUPLED { drive.force } else { patch.law.lateral_at(n, reach) };
+        let forces = f.normal.max(0.0) + lateral_force;
         let inward = -body.outward(element);
         let project = |v: DVec3| v - inward * v.dot(inward);
         let v = drive.along;
@@ -139,17 +150,20 @@ fn drives<L: ForceLaw, R: Rule>(bodies: &[Body], slip: SlipRule) {
         let led = project(kernel.implicit_drive_direction(n, &f, &drive)).normalize();
         let (straight, aside) = (g.dot(t) / forces, g.dot(led) / forces);
         let got = Criterion::Passive.bound(&patch, &state);
-        if slip == SlipRule::Consistent {
+        let one_way = L::ISOTROPIC || L::COUPLED;
+        let asked = !L::COUPLED || depth > 1.01 * SHALLOWEST * 8e-3;
+        if slip != SlipRule::Exact && asked {
             let (least, most) = (straight.min(aside), straight);
             let rounding = 1e-5;
-            assert!(
-                got < most + rounding && (!L::ISOTROPIC || (got - least).abs() < rounding),
-                "{got} {least}"
-            );
+            assert!(got < most + rounding && (!one_way || (got - least).abs() < rounding), "{got} {least}");
             assert!(got < aside + rounding, "case {case}: {got} {aside}");
         }
-        // η, and the rate of the force, by differences; in single precision.
+        // η, and the rate of the force, by differences; in single precision. At knots a coupled law's stiffness jumps.
         let h = 5e-6;
+        let knots = body.responses().depth_knots().values();
+        if L::COUPLED && knots.iter().any(|k| (depth - k).abs() < 2.0 * h) {
+            continue;
+        }
         let rates = kernel.rates(t).each();
         let mut read = |n: [f64; 3], tool_position: DVec3| {
             let f = kernel.evaluate(n, tool_position);
@@ -168,16 +182,19 @@ fn drives<L: ForceLaw, R: Rule>(bodies: &[Body], slip: SlipRule) {
             .sum();
         if eta > 0.1 * f.lateral_slope {
             let got = -Criterion::Pace.bound(&patch, &state);
-            assert!((got - excess.sqrt() / eta).abs() < 3e-3 * got, "case {case}: {got} {excess} {eta}");
+            let expected = excess.sqrt() / eta;
+            // Where nothing holds the contact point follows in both directions.
+            let most = if f.limit > 0.0 { expected } else { 2.0 * expected };
+            assert!(got > expected - 3e-3 * got && got < most + 3e-3 * got, "case {case}: {got} {expected}");
             let got = -Criterion::Lipschitz.bound(&patch, &state);
             let expected =
                 sensitivity::lipschitz(body, setting, slip, SurfacePoint { element, n }, tool_position);
             let expected = expected.unwrap();
-            let worst = if L::ISOTROPIC { 1.5 } else { 100.0 };
+            let worst = if one_way && f.limit > 0.0 { 1.5 } else { 100.0 };
             assert!(got > expected * 0.99 && got < expected * worst, "case {case}: {got} {expected}");
         }
     }
-    assert!(compared > 500, "{compared}");
+    assert!(compared > 400, "{compared}");
 }
 
 #[test]
@@ -188,9 +205,13 @@ fn bounds_are_below_every_state() {
 }
 
 fn below(slip: SlipRule) {
+    below_on(slip, [1.0, 2.0, 60.0].into_iter().flat_map(bodies));
+    below_on(slip, own_and_mixed(coupled_ball()));
+}
+
+fn below_on(slip: SlipRule, several: impl IntoIterator<Item = Body>) {
     let mut unit = random(5);
     let mut compared = 0;
-    let several: Vec<Body> = [1.0, 2.0, 60.0].into_iter().flat_map(bodies).collect();
     for body in several {
         for _ in 0..400 {
             let assumptions = Assumptions { aside_rad: 0.1 * unit(), slip, ..EXACT };
@@ -260,6 +281,8 @@ fn every_slip_of_the_engine_is_through_slip_states() {
     // `exact` may rest on an edge, between two drives; P holds for it by construction.
     for slip in [SlipRule::Paper, SlipRule::Consistent] {
         seen += through::<Isotropic>(&bodies(1.0), slip) + through::<Anisotropic>(&bodies(2.0), slip);
+        let coupled = through::<Coupled>(&own_and_mixed(coupled_ball()), slip);
+        assert!(coupled > 500, "{coupled}");
     }
     assert!(seen > 2000, "{seen}");
 }

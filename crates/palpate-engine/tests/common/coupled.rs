@@ -74,6 +74,7 @@ pub fn coupled(mesh: &TriangleMesh, random: &mut Random, spread: f64, friction: 
         lateral_tensors: None,
         tool: if radius_m > 0.0 { Tool::Sphere { radius_m } } else { Tool::Point },
         slip: SlipRule::Consistent,
+        tank: true,
         provenance: Provenance::default(),
     })
     .unwrap()
@@ -140,6 +141,7 @@ pub fn as_coupled(mesh: &TriangleMesh, [kz, kr, friction]: [f64; 3], slip: SlipR
         lateral_tensors: None,
         tool: Tool::Point,
         slip,
+        tank: true,
         provenance: Provenance::default(),
     })
     .unwrap()

@@ -131,6 +131,7 @@ pub fn liver_patch_body(friction: f64, slip: SlipRule) -> Option<Body> {
         lateral_tensors: None,
         tool: Tool::Sphere { radius_m: RADIUS },
         slip,
+        tank: true,
         provenance: Provenance::default(),
     });
     Some(body.unwrap())

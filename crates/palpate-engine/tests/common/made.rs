@@ -69,10 +69,10 @@ pub fn made_body(mesh: &TriangleMesh, random: &mut Random, making: &Making) -> B
         lateral_tensors,
         tool,
         slip,
+        tank: false,
         provenance,
     })
     .unwrap()
-    .with_tank(false)
 }
 
 /// A node's tensor: the mean of its test points', in its own plane.

@@ -277,6 +277,7 @@ pub fn stretched(
             Tool::Point
         },
         slip: SlipRule::Paper,
+        tank: true,
         provenance: Provenance::default(),
     })
     .unwrap()
@@ -285,7 +286,7 @@ pub fn stretched(
 
 /// The same body with another slip rule.
 pub fn ruled(body: &Body, rule: SlipRule) -> Body {
-    Body::new(BodyParts { slip: rule, ..body.parts() }).unwrap().with_tank(body.has_tank())
+    Body::new(BodyParts { slip: rule, ..body.parts() }).unwrap()
 }
 
 pub fn uniform(mesh: &TriangleMesh, kz: f64, kr: f64, friction: f64) -> Body {

@@ -36,7 +36,7 @@ pub struct Reference<'a> {
     contact: Option<(usize, DVec3)>,
     last: Option<DVec3>,
     /// In how many parts the tool goes the way of a sample. Slip with the tool held runs along f_t where it starts, and
-    /// under a tensor that direction is behind by as much as the tool moves at once.
+    /// under a tensor, or a coupled law, that direction is behind by as much as the tool moves at once.
     parts: u32,
 }
 
@@ -57,7 +57,7 @@ impl<'a> Reference<'a> {
             neighbours,
             contact: None,
             last: None,
-            parts: if body.is_isotropic() { 1 } else { 4 },
+            parts: if body.is_isotropic() && !body.is_coupled() { 1 } else { 4 },
             coupled,
         }
     }

@@ -58,6 +58,7 @@ fn ball() -> Body {
         lateral_tensors: None,
         tool: Tool::Point,
         slip: SlipRule::Paper,
+        tank: true,
         provenance: Provenance::default(),
     })
     .unwrap()

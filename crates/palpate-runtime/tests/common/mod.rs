@@ -95,6 +95,7 @@ pub fn with_field(
         lateral_tensors: None,
         tool: Tool::Point,
         slip: SlipRule::Paper,
+        tank: true,
         provenance: Provenance::default(),
     })
     .unwrap()
