@@ -341,6 +341,34 @@ impl Body {
         self
     }
 
+    /// A body that answers alike everywhere, to a point, with the default slip rule: to begin with, and for tests.
+    ///
+    /// ```
+    /// # use palpate_body::{Body, Response, shape::Shape};
+    /// let ball = Shape::Sphere { radius_mm: 30.0 }.surface(Default::default())?;
+    /// // 100·600 N/m² times the depth's square, a lateral stiffness that grows alike, friction 0.3, up to 8 mm.
+    /// let body = Body::uniform(ball, Response::paper(600.0, 500.0, 0.3, 8e-3, 8e-3)?)?;
+    /// assert_eq!(body.test_point_nodes().len(), 1);
+    /// # Ok::<(), palpate_body::BodyError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`Body::new`].
+    pub fn uniform(surface: Surface, response: Response) -> Result<Self> {
+        Body::new(BodyParts {
+            blends: vec![BlendWeights::own(0); surface.positions().len()],
+            surface,
+            responses: vec![response],
+            test_point_nodes: vec![0],
+            coupled: None,
+            lateral_tensors: None,
+            tool: Tool::Point,
+            slip: SlipRule::default(),
+            tank: true,
+            provenance: Provenance::default(),
+        })
+    }
+
     /// Derives what contacts with this slip rule read besides, unless that was done before: for
     /// [`SlipRule::Consistent`] the nodal gradients ([`ContactModel::gradients`]). It takes memory, and about a second for
     /// 5 million triangles.

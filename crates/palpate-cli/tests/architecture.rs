@@ -51,6 +51,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "palpate-build",
             "palpate-device",
             "palpate-engine",
+            "palpate-files",
             "palpate-identify",
             "palpate-runtime",
         ],

@@ -111,7 +111,10 @@ fn the_tank_holds_back_what_a_witness_shows() {
     let (generated, held_back, said) = trace("a.body");
     let (free, free_held_back, free_said) = trace("a.body --no-tank");
     assert!(held_back > 0.0 && said, "{held_back} {said}");
-    assert!(free_held_back == 0.0 && !free_said && free > 1e-9 && generated < 0.5 * free, "{generated} {free}");
+    assert!(
+        free_held_back == 0.0 && !free_said && free > 1e-9 && generated < 0.5 * free,
+        "{generated} {free}"
+    );
 
     let spec = std::fs::read_to_string(folder.join("spec.toml")).unwrap();
     std::fs::write(folder.join("free.toml"), spec.replace("[slip]", "[slip]\ntank = false")).unwrap();
@@ -129,9 +132,12 @@ fn a_run_without_the_tank_lets_slip_give_out_energy() {
     let run = |args: &str| -> Value {
         let out = palpate(
             &folder,
-            &format!("run a.body --device simulated --virtual-time --intent drag --json {args} --record r.csv"),
+            &format!(
+                "run a.body --device simulated --virtual-time --intent drag --json {args} --record r.csv"
+            ),
         );
-        serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}: {}", String::from_utf8_lossy(&out.stderr)))
+        serde_json::from_slice(&out.stdout)
+            .unwrap_or_else(|e| panic!("{e}: {}", String::from_utf8_lossy(&out.stderr)))
     };
     let table = || std::fs::read_to_string(folder.join("r.csv")).unwrap();
     let generated = |run: &Value| run.pointer("/energy/generated_j").and_then(Value::as_f64).unwrap();

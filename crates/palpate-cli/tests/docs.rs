@@ -42,7 +42,7 @@ fn copy(from: &Path, to: &Path) {
 #[test]
 fn every_command_runs() {
     let mut ran = 0;
-    for name in ["README.md", "docs/commands.md", "docs/spec.md"] {
+    for name in ["README.md", "docs/commands.md", "docs/spec.md", "docs/tutorial.md"] {
         let directory = tempfile::tempdir().unwrap();
         copy(&root().join("examples"), &directory.path().join("examples"));
         for line in blocks(&read(name), "sh").into_iter().flatten() {
@@ -71,6 +71,30 @@ fn the_specs_examples_are_the_files() {
     for (block, file) in blocks.iter().zip(files) {
         assert_eq!(block.join("\n"), read(file).trim_end(), "{file}");
     }
+}
+
+/// The page of sessions has every setting, and no other: its block is read as a configuration.
+#[test]
+fn the_page_of_sessions_has_every_setting() {
+    let text = read("docs/session.md");
+    let block = blocks(&text, "text").into_iter().next().unwrap().join("\n");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("session.toml");
+    fs::write(&path, &block).unwrap();
+    let config = palpate_runtime::SessionConfig::read(&path).unwrap_or_else(|e| panic!("{e}"));
+    config.check().unwrap();
+    let keys = |value: &serde_json::Value| -> Vec<String> {
+        let mut keys = Vec::new();
+        for (key, value) in value.as_object().unwrap() {
+            keys.push(key.clone());
+            keys.extend(value.as_object().into_iter().flatten().map(|(inner, _)| format!("{key}.{inner}")));
+        }
+        keys
+    };
+    let ours = keys(&serde_json::to_value(palpate_runtime::SessionConfig::default()).unwrap());
+    let shown: toml::Table = toml::from_str(&block).unwrap();
+    let shown = keys(&serde_json::to_value(shown).unwrap());
+    assert_eq!(ours.iter().filter(|key| !shown.contains(key)).collect::<Vec<_>>(), Vec::<&String>::new());
 }
 
 #[test]
