@@ -1,13 +1,13 @@
 //! The first touch of a moving tool: of a point on its segment, by a watertight test, or of a sphere around it.
 
 use super::nearest::nearest_on_triangle;
-use super::tree::{Search, Segment};
+use super::tree::{Entry, Search};
 use super::{SurfacePoint, point};
 use crate::model::ContactModel;
 use glam::DVec3;
 
 /// How far behind its start a segment still catches the surface, m: far above rounding, far below touch.
-const BACK_OFF: f64 = 1e-9;
+pub(super) const BACK_OFF: f64 = 1e-9;
 
 /// The first touch of a moving tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,35 +29,28 @@ impl Search {
         corners: impl Fn(u32) -> [DVec3; 3],
     ) -> Option<Touch> {
         let way = to - from;
-        let segment = Segment { middle: (from + to) * 0.5, half: way * 0.5 };
         let mut best: Option<(Touch, f64)> = None;
-        let reach = radius + BACK_OFF;
         let ray = Ray::new(from, way);
-        self.walk(
-            1.0,
-            // A box is of interest from the earliest fraction at which the segment can come to it.
-            |b| if b.meets(&segment, reach) { b.earliest(from, way, reach) } else { f64::INFINITY },
-            |element, bound| {
-                let corners = corners(element);
-                let hit = if radius > 0.0 {
-                    sphere_touch(from, way, radius, corners)
-                } else {
-                    ray.touch(from, corners)
-                };
-                let Some((fraction, n)) = hit else { return bound };
-                // Of touches at the same moment the nearest counts, then the lowest element: not the tree's order.
-                let distance = (from + way * fraction).distance(point(corners, n));
-                let earlier = best.is_none_or(|(b, d)| {
-                    (fraction, distance, element).partial_cmp(&(b.fraction, d, b.at.element))
-                        == Some(std::cmp::Ordering::Less)
-                });
-                if earlier {
-                    best = Some((Touch { at: SurfacePoint { element, n }, fraction }, distance));
-                    return fraction;
-                }
-                bound
-            },
-        );
+        self.walk(1.0, &Entry::new(from, way, radius + BACK_OFF), |element, bound| {
+            let corners = corners(element);
+            let hit = if radius > 0.0 {
+                sphere_touch(from, way, radius, corners)
+            } else {
+                ray.touch(from, corners)
+            };
+            let Some((fraction, n)) = hit else { return bound };
+            // Of touches at the same moment the nearest counts, then the lowest element: not the tree's order.
+            let distance = (from + way * fraction).distance(point(corners, n));
+            let earlier = best.is_none_or(|(b, d)| {
+                (fraction, distance, element).partial_cmp(&(b.fraction, d, b.at.element))
+                    == Some(std::cmp::Ordering::Less)
+            });
+            if earlier {
+                best = Some((Touch { at: SurfacePoint { element, n }, fraction }, distance));
+                return fraction;
+            }
+            bound
+        });
         best.map(|(touch, _)| touch)
     }
 }
@@ -79,7 +72,9 @@ impl ContactModel {
 /// A segment prepared for the watertight test: the axis it runs along most, and the shear that makes it run along z.
 pub(super) struct Ray {
     from: DVec3,
-    axes: [usize; 3],
+    /// The axis that it runs along most, and whether the others change places.
+    axis: u8,
+    mirrored: bool,
     shear: [f64; 2],
     along: f64,
 }
@@ -87,39 +82,25 @@ pub(super) struct Ray {
 impl Ray {
     pub fn new(from: DVec3, way: DVec3) -> Self {
         let size = way.abs();
-        let z = if size.x >= size.y && size.x >= size.z {
+        let axis = if size.x >= size.y && size.x >= size.z {
             0
         } else if size.y >= size.z {
             1
         } else {
             2
         };
+        let [.., along] = turned(way, axis);
         // A mirrored frame would turn faces over; swap to keep it right-handed along +z.
-        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
-        let pick = |v: DVec3, i: usize| match i {
-            0 => v.x,
-            1 => v.y,
-            _ => v.z,
-        };
-        let along = pick(way, z);
-        if along < 0.0 {
-            std::mem::swap(&mut x, &mut y);
-        }
-        let shear = [pick(way, x) / along, pick(way, y) / along];
-        Ray { from, axes: [x, y, z], shear, along }
+        let mirrored = along < 0.0;
+        let [x, y, _] = swapped(turned(way, axis), mirrored);
+        Ray { from, axis, mirrored, shear: [x / along, y / along], along }
     }
 
     /// Corners in the ray's frame, in which it runs from the origin along z.
     #[inline]
     fn sheared(&self, corners: [DVec3; 3]) -> [[f64; 3]; 3] {
         corners.map(|p| {
-            let p = p - self.from;
-            let pick = |i: usize| match i {
-                0 => p.x,
-                1 => p.y,
-                _ => p.z,
-            };
-            let [x, y, z] = self.axes.map(pick);
+            let [x, y, z] = swapped(turned(p - self.from, self.axis), self.mirrored);
             [x - self.shear[0] * z, y - self.shear[1] * z, z]
         })
     }
@@ -173,6 +154,22 @@ impl Ray {
         (fraction < 0.0 && offset.length() <= BACK_OFF && offset.dot(outward) <= 0.0)
             .then_some((0.0, at_start))
     }
+}
+
+/// With this axis as the last.
+#[inline(always)]
+fn turned(v: DVec3, axis: u8) -> [f64; 3] {
+    match axis {
+        0 => [v.y, v.z, v.x],
+        1 => [v.z, v.x, v.y],
+        _ => [v.x, v.y, v.z],
+    }
+}
+
+/// Seen in a mirror, if so.
+#[inline(always)]
+fn swapped([x, y, z]: [f64; 3], mirrored: bool) -> [f64; 3] {
+    if mirrored { [y, x, z] } else { [x, y, z] }
 }
 
 /// Fraction and area coordinates where a sphere that moves from `from` by `way` first touches a triangle's outer side.
