@@ -3,6 +3,7 @@
 
 use crate::budget::Budget;
 use crate::drive::{Drive, Rule};
+use crate::flags::Flags;
 use crate::force_law::ForceLaw;
 use crate::kernel::{ElementKernel, Evaluation};
 use crate::walk::{StartDirection, Stop, start_direction, walk};
@@ -28,6 +29,20 @@ pub(crate) enum End {
     PatchBoundary,
     /// The step's budget is spent.
     Capped,
+}
+
+impl End {
+    /// What a step that ends so reports.
+    #[inline(always)]
+    pub(crate) fn flags(self) -> Flags {
+        match self {
+            End::Settled | End::Border => Flags::default(),
+            End::Blocked => Flags::BLOCKED,
+            End::HeldBack => Flags::HELD_BACK,
+            End::PatchBoundary => Flags::PATCH_BOUNDARY,
+            End::Capped => Flags::CAPPED,
+        }
+    }
 }
 
 /// The contact point's displacement for each newton of drive in the last slips of a contact, m/N; 0 where there was none.
@@ -213,8 +228,9 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
         let energy = self.evaluation.energy;
         let mut excess = first;
         // The paper's rule has the scalar secant alone.
-        let (bent, mut answer) =
-            (L::COUPLED || (L::ISOTROPIC && !R::LATERAL), InverseJacobian::new(compliance));
+        let bent = L::COUPLED || (L::ISOTROPIC && !R::LATERAL);
+        // From the second iterate on: mostly there is none.
+        let mut answer = None;
         let mut residual = self.drive.along * first;
         while !self.budget.is_spent() && believable(compliance) && excess * compliance <= farthest {
             let displacement = excess * compliance;
@@ -258,6 +274,7 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
             }
             if bent {
                 let left = self.drive.along * now;
+                let answer = answer.get_or_insert_with(|| InverseJacobian::new(compliance));
                 answer.learn(v * displacement, residual - left);
                 let next = answer.displacement(left);
                 let length = next.length();
