@@ -483,6 +483,9 @@ impl Contact {
         let (start, tool_position, budget, mut estimate) =
             (evaluation.c, step.from, &mut step.budget, ComplianceEstimate::default());
         let drive = R::drive(&mut kernel, settled.n, &evaluation);
+        if slip::within(&drive, &evaluation) {
+            return at;
+        }
         let (end, _) = slip::slip::<L, R>(
             &mut kernel,
             &mut settled,

@@ -105,7 +105,7 @@ struct Search<'s, 'a, L: ForceLaw, R> {
     budget: &'s mut Budget,
 }
 
-/// Moves the contact point from `at`, where the law reads `evaluation` and the rule `drive`. `kernel` is at's element. Returns
+/// Moves the contact point from `at`, where the law reads `evaluation` and the rule `drive`, beyond the limit. `kernel` is at's element. Returns
 /// how it ended, and the drive there.
 #[inline]
 pub(crate) fn slip<L: ForceLaw, R: Rule>(
@@ -123,9 +123,10 @@ pub(crate) fn slip<L: ForceLaw, R: Rule>(
 }
 
 impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
+    /// From a drive that is beyond the limit.
     fn run(&mut self) -> End {
         let mut stalled = 0;
-        while !within(&self.drive, self.evaluation) {
+        loop {
             if self.budget.is_spent() {
                 return End::Capped;
             }
@@ -134,24 +135,29 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
                 Err(end) => return end,
             };
             let start = *self.at;
-            if self.newton(v, self.estimate.guess()) {
+            if self.newton(v, self.estimate.guess()) || self.newton_anew(start, v) {
                 stalled = 0;
-                continue;
+            } else {
+                self.back_to(start);
+                // Two sides that send the point back to each other make no progress.
+                stalled = if self.line(v) < CLOSED { stalled + 1 } else { 0 };
+                if stalled > 2 {
+                    return End::Blocked;
+                }
             }
-            self.back_to(start);
-            let eta = self.eta(v);
-            if self.newton(v, 1.0 / eta) {
-                stalled = 0;
-                continue;
-            }
-            self.back_to(start);
-            // Two sides that send the point back to each other make no progress.
-            stalled = if self.line(v) < CLOSED { stalled + 1 } else { 0 };
-            if stalled > 2 {
-                return End::Blocked;
+            if within(&self.drive, self.evaluation) {
+                return End::Settled;
             }
         }
-        End::Settled
+    }
+
+    /// With the slope of the law itself, where the guess led nowhere.
+    #[cold]
+    #[inline(never)]
+    fn newton_anew(&mut self, start: SurfacePoint, v: DVec3) -> bool {
+        self.back_to(start);
+        let eta = self.eta(v);
+        self.newton(v, 1.0 / eta)
     }
 
     /// The drive's direction from here, if it can move: the contact point may lie on an edge or a vertex.
@@ -218,7 +224,7 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
     /// close in, and a slower search has to do.
     ///
     /// Its first iterate with the slope f_r' would be the paper's |δr − δs|.
-    #[inline]
+    #[inline(always)]
     fn newton(&mut self, v: DVec3, compliance: f64) -> bool {
         // Slopes between a tenth and ten times f_r' are accepted; and c never has to run much farther than δr.
         let (stiffness, farthest) = (self.evaluation.lateral_slope, 1.5 * self.drive.step_bound);

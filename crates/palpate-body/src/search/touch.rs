@@ -228,3 +228,73 @@ fn first_root(gap: DVec3, way: DVec3, radius: f64) -> Option<f64> {
     // b < 0: the sum below does not cancel.
     Some(c / (-b + discriminant.sqrt()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::search::nearest::nearest_on_triangle;
+
+    fn unit(seed: &mut u64) -> f64 {
+        *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (*seed >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Neither the groups' boxes nor the elements' own hide what a look at every triangle finds: ways along the axes, ways of no
+    /// length, triangles that lie in a plane of coordinates, starts on the surface.
+    #[test]
+    fn boxes_hide_nothing() {
+        let mut seed = 1;
+        let (mut hits, mut random) = (0, move || unit(&mut seed));
+        for round in 0..60 {
+            let count = 1 + (random() * 300.0) as u32;
+            let flat = round % 3 == 0;
+            let mut place = |size: f64| {
+                DVec3::new(random() - 0.5, random() - 0.5, if flat { 0.0 } else { random() - 0.5 }) * size
+            };
+            let triangles: Vec<[DVec3; 3]> = (0..count)
+                .map(|_| {
+                    let middle = place(0.1);
+                    [0; 3].map(|_| middle + place(0.02))
+                })
+                .collect();
+            let positions = triangles.as_flattened();
+            let corners = |e: u32| triangles[e as usize];
+            let coarse = Search::build(positions, count as usize, |e| [0, 1, 2].map(|i| 3 * e as u32 + i));
+            let mut fine = coarse.clone();
+            fine.refine(corners);
+            for case in 0..60 {
+                let mut way = DVec3::new(random() - 0.5, random() - 0.5, random() - 0.5) * 0.2;
+                match case % 5 {
+                    0 => (way.x, way.y) = (0.0, 0.0),
+                    1 => way.z = 0.0,
+                    2 if case % 2 == 0 => way = DVec3::ZERO,
+                    _ => {}
+                }
+                let target = positions[(random() * positions.len() as f64) as usize];
+                let from = target - way * if case % 4 == 0 { 0.0 } else { random() };
+                let (to, radius) = (from + way, if case % 2 == 0 { 0.0 } else { 5e-3 });
+                let ray = Ray::new(from, to - from);
+                let touches = (0..count).filter_map(|element| {
+                    let corners = corners(element);
+                    let (fraction, n) = match radius > 0.0 {
+                        true => sphere_touch(from, to - from, radius, corners),
+                        false => ray.touch(from, corners),
+                    }?;
+                    let distance = (from + (to - from) * fraction).distance(point(corners, n));
+                    Some((fraction, distance, element))
+                });
+                let first = touches.min_by(|a, b| a.partial_cmp(b).unwrap()).map(|(f, _, e)| (f, e));
+                let distance =
+                    |e| (point(corners(e), nearest_on_triangle(from, corners(e))) - from).length_squared();
+                let nearest = (0..count).map(distance).fold(f64::INFINITY, f64::min).sqrt();
+                for search in [&coarse, &fine] {
+                    let found = search.first_touch(from, to, radius, corners);
+                    assert_eq!(found.map(|t| (t.fraction, t.at.element)), first, "{round} {case}");
+                    assert_eq!(search.nearest(from, f64::INFINITY, corners).unwrap().1, nearest);
+                }
+                hits += u32::from(first.is_some());
+            }
+        }
+        assert!(hits > 500, "{hits}");
+    }
+}
