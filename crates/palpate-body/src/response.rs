@@ -68,7 +68,8 @@ impl Knots {
         let mut found = Interval::none();
         for interval in self.intervals.get(first..).unwrap_or(&[]) {
             found = *interval;
-            if !(x >= found.high) {
+            let beyond = x >= found.high;
+            if !beyond {
                 break;
             }
         }
