@@ -303,7 +303,8 @@ impl Body {
         let nodes = surface.positions.iter().zip(&surface.inward).zip(&blends);
         let nodes = nodes.map(|((&position, &inward), blend)| Node::new(position, inward, blend));
         let nodes: Vec<Node> = nodes.collect();
-        let search = Search::build(&surface.positions, elements.len(), |e| elements[e].nodes);
+        let mut search = Search::build(&surface.positions, elements.len(), |e| elements[e].nodes);
+        search.refine(|e| elements[e as usize].nodes.map(|n| surface.positions[n as usize]));
         let which = sampled(points);
         let chosen = which.iter().filter_map(|&t| responses.get(t as usize)).flat_map(Response::curves);
         let law = coupled.as_ref().map_or(&[][..], |law| &law.potentials);

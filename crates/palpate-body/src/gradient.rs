@@ -112,9 +112,9 @@ impl PointEnergies for DecoupledEnergies<'_> {
     #[inline(always)]
     fn gradient(&self, gradients: &Gradients, start: usize, _: u32) -> Vec3A {
         let (i, j) = self.basis.rows(start);
-        let [p, q] = self.basis.single();
+        let [p, q] = &self.basis.single;
         match (gradients.depth_rows.get(i), gradients.lateral_rows.get(j)) {
-            (Some(depth), Some(lateral)) => Vec3A::from_vec4(value(depth, &p) + value(lateral, &q)),
+            (Some(depth), Some(lateral)) => Vec3A::from_vec4(value(depth, p) + value(lateral, q)),
             _ => Vec3A::ZERO,
         }
     }
@@ -165,14 +165,35 @@ impl PointEnergies for CoupledEnergies<'_> {
     }
 }
 
-/// Where a node's energy gradient is.
+/// What a step reads of a node, in one line of the cache.
 #[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
-struct Place {
-    /// The first of its terms, or which of the curves it has.
+#[repr(C, align(64))]
+struct NodeGradients {
+    /// ∇̄u_l: of each coordinate of u a gradient, 1/m.
+    frame: [Vec4; 3],
+    /// The first of the terms of its energy gradient, or which of the curves it has.
     start: u32,
     /// How many terms, or [`CURVES`].
     count: u32,
+    /// See [`GradientBound`].
+    energy_bound: f32,
+    frame_bound: f32,
+}
+
+impl NodeGradients {
+    /// Of a node where nothing changes.
+    const NONE: Self =
+        NodeGradients { frame: [Vec4::ZERO; 3], start: 0, count: 0, energy_bound: 0.0, frame_bound: 0.0 };
+}
+
+/// How a node's tensor changes.
+#[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+struct TensorGradient {
+    /// ∇̄A_l along x, y and z, 1/m.
+    axes: [[f32; 6]; 3],
+    /// See [`GradientBound`].
+    bound: f32,
 }
 
 const CURVES: u32 = u32::MAX;
@@ -181,19 +202,15 @@ const CURVES: u32 = u32::MAX;
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Gradients {
     /// (nodes)
-    places: Vec<Place>,
+    nodes: Vec<NodeGradients>,
     terms: Vec<Term>,
     /// (nodes with curves × depth knots), and the same of the lateral curves.
     depth_rows: Vec<Row>,
     lateral_rows: Vec<Row>,
     /// (nodes with curves × depth knots), of a coupled law in place of the two.
     coupled_rows: Vec<CoupledGradient>,
-    /// ∇̄u_l: (nodes × 3 coordinates of u), each a gradient, 1/m.
-    frame_gradients: Vec<[Vec4; 3]>,
-    /// ∇̄A_l: (nodes × 3 directions), 1/m; none where the lateral response is alike in all directions.
-    tensors: Vec<[[f32; 6]; 3]>,
-    /// (nodes)
-    bounds: Vec<GradientBound>,
+    /// (nodes), or none where the lateral response is alike in all directions.
+    tensors: Vec<TensorGradient>,
     /// (nodes × depth knots), of a coupled law.
     coupled_bounds: Vec<CoupledBound>,
     /// Depth knots.
@@ -235,8 +252,7 @@ impl CoupledBound {
 }
 
 /// How large a node's gradients can be, whatever the deflection: a step need not look at those that can't matter.
-#[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GradientBound {
     /// |∇̄W| is at most this times W, 1/m; infinite where a curve vanishes and its neighbours' do not.
     pub energy: f32,
@@ -257,14 +273,12 @@ impl Gradients {
         let ContactModel { nodes, elements, lateral_tensors: tensors, responses, .. } = model;
         let around = Around::new(nodes.len(), elements);
         let mut gradients = Gradients {
-            places: Vec::with_capacity(nodes.len()),
+            nodes: Vec::with_capacity(nodes.len()),
             terms: Vec::new(),
             depth_rows: Vec::new(),
             lateral_rows: Vec::new(),
             coupled_rows: Vec::new(),
-            frame_gradients: Vec::with_capacity(nodes.len()),
             tensors: Vec::with_capacity(tensors.len()),
-            bounds: Vec::with_capacity(nodes.len()),
             coupled_bounds: Vec::new(),
             columns: responses.depth_knots().values().len(),
         };
@@ -282,21 +296,15 @@ impl Gradients {
         let NodeSums { terms, frame_gradient, change } = sums;
         let (reference, single) = (node.test_points[0], |g: &DVec3| g.as_vec3().to_array());
         let norm = |of: &[DVec3]| (of.iter().map(|g| g.length_squared()).sum::<f64>()).sqrt();
-        // Six components stand for nine: those off the diagonal count twice.
-        self.bounds.push(GradientBound {
-            energy: above(steepest(terms, node, curves)),
-            frame_gradient: above(norm(frame_gradient)),
-            tensor: above(norm(change).hypot(norm(&change[3..]))),
-        });
         // None with the decoupled law.
         let columns = if model.is_coupled() { self.columns } else { 0 };
         let coupled: Vec<_> = coupled_terms(terms, reference, columns, potentials).collect();
-        if terms.len() <= MAX_TERMS {
-            self.places.push(Place { start: self.terms.len() as u32, count: terms.len() as u32 });
+        let (start, count) = if terms.len() <= MAX_TERMS {
+            let start = self.terms.len() as u32;
             self.terms.extend(terms.iter().map(|(t, g)| Term { gradient: single(g), test_point: *t }));
+            (start, terms.len() as u32)
         } else {
             let rows_before = self.depth_rows.len().max(self.coupled_rows.len());
-            self.places.push(Place { start: (rows_before / self.columns) as u32, count: CURVES });
             if model.is_coupled() {
                 let single = |sum: DVec3| sum.as_vec3().extend(0.0);
                 self.coupled_rows.extend(coupled.iter().map(|rows| rows.map(|q| q.map(single))));
@@ -307,15 +315,24 @@ impl Gradients {
                 self.lateral_rows
                     .extend(rows(terms, reference, lateral_knots, |t, i| responses.lateral_row(t, i)));
             }
-        }
+            ((rows_before / self.columns) as u32, CURVES)
+        };
+        self.nodes.push(NodeGradients {
+            frame: frame_gradient.map(|g| g.as_vec3().extend(0.0)),
+            start,
+            count,
+            energy_bound: above(steepest(terms, node, curves)),
+            frame_bound: above(norm(frame_gradient)),
+        });
         let knots = responses.depth_knots().values();
         let width = |i: usize| knots.get(i + 1).map(|next| next - knots[i]);
         let bounds = coupled.iter().enumerate().map(|(i, rows)| CoupledBound::new(rows, width(i)));
         self.coupled_bounds.extend(bounds);
-        self.frame_gradients.push(frame_gradient.map(|g| g.as_vec3().extend(0.0)));
         if !tensors.is_empty() {
+            // Six components stand for nine: those off the diagonal count twice.
+            let bound = above(norm(change).hypot(norm(&change[3..])));
             let change = change.map(|g| single(&g));
-            self.tensors.push([0, 1, 2].map(|axis| change.map(|g| g[axis])));
+            self.tensors.push(TensorGradient { axes: [0, 1, 2].map(|axis| change.map(|g| g[axis])), bound });
         }
     }
 
@@ -333,48 +350,44 @@ impl Gradients {
         renumber: impl Fn(u32) -> u32,
     ) {
         let Gradients {
-            places,
+            nodes: to,
             terms,
             depth_rows,
             lateral_rows,
             coupled_rows,
-            frame_gradients,
             tensors,
-            bounds,
             coupled_bounds,
             columns,
         } = self;
-        places.clear();
+        to.clear();
         terms.clear();
         depth_rows.clear();
         lateral_rows.clear();
         coupled_rows.clear();
-        frame_gradients.clear();
         tensors.clear();
-        bounds.clear();
         coupled_bounds.clear();
         *columns = from.columns;
         let [depth, lateral] = [responses.depth_knots(), responses.lateral_knots()].map(|k| k.values().len());
         for n in nodes.iter().map(|&n| n as usize) {
-            let Place { start, count } = from.places[n];
-            let at = start as usize;
-            if count == CURVES {
+            let node = from.nodes[n];
+            let (at, count) = (node.start as usize, node.count);
+            let start = if count == CURVES {
                 let rows_before = depth_rows.len().max(coupled_rows.len());
-                places.push(Place { start: (rows_before / depth) as u32, count });
                 if from.coupled_rows.is_empty() {
                     depth_rows.extend_from_slice(&from.depth_rows[at * depth..][..depth]);
                     lateral_rows.extend_from_slice(&from.lateral_rows[at * lateral..][..lateral]);
                 } else {
                     coupled_rows.extend_from_slice(&from.coupled_rows[at * depth..][..depth]);
                 }
+                rows_before / depth
             } else {
-                places.push(Place { start: terms.len() as u32, count });
+                let terms_before = terms.len();
                 let named = from.terms[at..][..count as usize].iter();
                 terms.extend(named.map(|t| Term { test_point: renumber(t.test_point), ..*t }));
-            }
-            frame_gradients.push(from.frame_gradients[n]);
+                terms_before
+            };
+            to.push(NodeGradients { start: start as u32, ..node });
             tensors.extend(from.tensors.get(n));
-            bounds.push(from.bounds[n]);
             if !from.coupled_bounds.is_empty() {
                 coupled_bounds.extend_from_slice(&from.coupled_bounds[n * depth..][..depth]);
             }
@@ -396,11 +409,17 @@ impl Gradients {
     /// O(1), never panics.
     #[inline]
     pub fn bound(&self, node: u32) -> GradientBound {
-        self.bounds.get(node as usize).copied().unwrap_or(GradientBound {
-            energy: 0.0,
-            frame_gradient: 0.0,
-            tensor: 0.0,
-        })
+        let (node, tensor) = (self.node(node), self.tensors.get(node as usize));
+        GradientBound {
+            energy: node.energy_bound,
+            frame_gradient: node.frame_bound,
+            tensor: tensor.map_or(0.0, |t| t.bound),
+        }
+    }
+
+    #[inline(always)]
+    fn node(&self, node: u32) -> &NodeGradients {
+        self.nodes.get(node as usize).unwrap_or(&NodeGradients::NONE)
     }
 
     /// ∇̄W of a node whose first test point is `reference`, N.
@@ -409,7 +428,7 @@ impl Gradients {
     /// Two look-ups, or three terms; no allocation, never panics: zero for a node that does not exist.
     #[inline(always)]
     pub fn energy(&self, node: u32, reference: u32, energies: &impl PointEnergies) -> Vec3A {
-        let Some(&Place { start, count }) = self.places.get(node as usize) else { return Vec3A::ZERO };
+        let &NodeGradients { start, count, .. } = self.node(node);
         let start = start as usize;
         if count == CURVES {
             return energies.gradient(self, start, reference);
@@ -431,7 +450,7 @@ impl Gradients {
     /// O(1), never panics.
     #[inline(always)]
     pub fn frame_gradient(&self, node: u32, b: Vec3A) -> Vec3A {
-        let [x, y, z] = self.frame_gradients.get(node as usize).unwrap_or(&[Vec4::ZERO; 3]);
+        let [x, y, z] = &self.node(node).frame;
         Vec3A::from_vec4(*x * b.x + *y * b.y + *z * b.z)
     }
 
@@ -448,7 +467,7 @@ impl Gradients {
                 + f64::from(zz) * d.z * d.z
                 + 2.0 * (f64::from(xy) * d.x * d.y + f64::from(xz) * d.x * d.z + f64::from(yz) * d.y * d.z)
         };
-        DVec3::from_array(changes.map(square)).as_vec3a()
+        DVec3::from_array(changes.axes.map(square)).as_vec3a()
     }
 
     /// ∇̄W of a node in one interval of the depths, and in one of the lateral deflections, as [`Gradients::energy`] reads it:
@@ -460,9 +479,7 @@ impl Gradients {
         responses: &Responses,
         interval: usize,
     ) -> [Coefficients; 2] {
-        let Some(&Place { start, count }) = self.places.get(node as usize) else {
-            return [Coefficients::default(); 2];
-        };
+        let &NodeGradients { start, count, .. } = self.node(node);
         let start = start as usize;
         let (depths, laterals) =
             (responses.depth_knots().values().len(), responses.lateral_knots().values().len());
@@ -495,8 +512,8 @@ impl Gradients {
     /// What ∇̄W of a node sums: of each test point t but the node's first, the gradient g (1/m) that W_t − W_first is taken times.
     /// None where a node has its sum beforehand ([`Gradients::coupled_rows`]). For bounds; not for the step.
     pub fn terms(&self, node: u32) -> impl Iterator<Item = (u32, DVec3)> + '_ {
-        let Place { start, count } =
-            self.places.get(node as usize).copied().unwrap_or(Place { start: 0, count: 0 });
+        let NodeGradients { start, count, .. } =
+            self.nodes.get(node as usize).copied().unwrap_or(NodeGradients::NONE);
         let count = if count == CURVES { 0 } else { count as usize };
         let terms = self.terms.get(start as usize..start as usize + count).unwrap_or(&[]);
         terms.iter().map(|term| (term.test_point, DVec3::from_array(term.gradient.map(f64::from))))
@@ -505,8 +522,8 @@ impl Gradients {
     /// ∇̄W of a node of a coupled body that has its sum beforehand: of each of the body's axes the quantities in an interval of the
     /// depth, to be taken times the monomials of δ_t in the tangents of the node's first test point. For bounds; not for the step.
     pub fn coupled_rows(&self, node: u32, interval: usize) -> Option<[CoupledRow; 3]> {
-        let place = self.places.get(node as usize).filter(|place| place.count == CURVES)?;
-        let rows = self.coupled_rows.get(place.start as usize * self.columns + interval)?;
+        let node = self.nodes.get(node as usize).filter(|node| node.count == CURVES)?;
+        let rows = self.coupled_rows.get(node.start as usize * self.columns + interval)?;
         let axis = |axis: usize| {
             rows.map(|power| {
                 let mut row = [0.0; QUANTITIES];
@@ -519,20 +536,18 @@ impl Gradients {
 
     /// ∇̄A of a node, its derivatives along x, y and z, 1/m; none where the lateral response is alike in all directions.
     pub fn tensor_changes(&self, node: u32) -> Option<[Tensor; 3]> {
-        self.tensors.get(node as usize).map(|axes| axes.map(|a| a.map(f64::from)))
+        self.tensors.get(node as usize).map(|changes| changes.axes.map(|a| a.map(f64::from)))
     }
 
     /// Bytes that a step may read.
-    pub(crate) fn memory(&self) -> [&[u8]; 9] {
+    pub(crate) fn memory(&self) -> [&[u8]; 7] {
         [
-            bytemuck::cast_slice(&self.places),
-            bytemuck::cast_slice(&self.bounds),
+            bytemuck::cast_slice(&self.nodes),
             bytemuck::cast_slice(&self.terms),
             bytemuck::cast_slice(&self.depth_rows),
             bytemuck::cast_slice(&self.lateral_rows),
             bytemuck::cast_slice(&self.coupled_rows),
             bytemuck::cast_slice(&self.coupled_bounds),
-            bytemuck::cast_slice(&self.frame_gradients),
             bytemuck::cast_slice(&self.tensors),
         ]
     }

@@ -66,7 +66,7 @@ pub use model::ContactModel;
 pub use number::{Dual, Number};
 pub use patch::Patch;
 pub use potential::{CoupledLaw, Potential, PotentialAt, Potentials};
-pub use response::{BasisValues, Interval, Response, Responses, Rows, Sample};
+pub use response::{BasisValues, Interval, Knots, Response, Responses, Rows, Sample};
 pub use search::{MeshSearch, Nearest, SurfacePoint, Touch};
 pub use source::{BodySource, Extent};
 pub use stored::StoredBody;

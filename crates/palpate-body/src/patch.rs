@@ -103,6 +103,8 @@ impl Patch {
                 twin => elements.renumber_twin(twin, FENCE),
             }),
         }));
+        let (nodes_of, positions) = (&to.elements, &to.nodes);
+        to.search.refine(|e| nodes_of[e as usize].nodes.map(|n| positions[n as usize].position));
         to.lateral_tensors.clear();
         if !body.is_isotropic() {
             to.lateral_tensors.extend(nodes.list().iter().map(|&n| body.lateral_tensors[n as usize]));

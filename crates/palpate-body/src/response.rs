@@ -22,6 +22,8 @@ pub struct Response {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Knots {
     knots: Vec<f64>,
+    /// One from each knot on.
+    intervals: Vec<Interval>,
     /// First interval of each of the equal bins that divide the knots' range.
     bins: Vec<u16>,
     bins_per_m: f64,
@@ -40,7 +42,14 @@ impl Knots {
         let interval = |x: f64| knots.iter().skip(1).take_while(|&&k| x >= k).count();
         let bins =
             (0..=count).map(|b| interval(end * b as f64 / count as f64 * (1.0 - 1e-12)) as u16).collect();
-        Ok(Knots { knots: knots.to_vec(), bins, bins_per_m: count as f64 / end })
+        let intervals = knots.iter().enumerate().map(|(index, &knot)| Interval {
+            index,
+            knot,
+            low: if index == 0 { f64::NEG_INFINITY } else { knot },
+            high: knots.get(index + 1).copied().unwrap_or(f64::INFINITY),
+        });
+        let intervals = intervals.collect();
+        Ok(Knots { knots: knots.to_vec(), intervals, bins, bins_per_m: count as f64 / end })
     }
 
     /// The knots, m.
@@ -48,22 +57,32 @@ impl Knots {
         &self.knots
     }
 
-    /// Interval that holds `x`; the last is the extension, and the first holds what lies below zero.
+    /// The interval that holds `x`: the last is the extension, and the first holds what lies below zero.
     ///
     /// # Real-time
-    /// O(1); not a number counts as 0.
+    /// O(1), never panics; not a number counts as 0.
     #[inline]
-    pub fn locate(&self, x: f64) -> usize {
+    pub fn interval(&self, x: f64) -> Interval {
         let bin = ((x * self.bins_per_m) as u32 as usize).min(self.bins.len().saturating_sub(1));
-        let mut i = self.bins.get(bin).copied().unwrap_or(0) as usize;
-        while let Some(&next) = self.knots.get(i + 1) {
-            if x >= next {
-                i += 1;
-            } else {
+        let first = self.bins.get(bin).copied().unwrap_or(0) as usize;
+        let mut found = Interval::none();
+        for interval in self.intervals.get(first..).unwrap_or(&[]) {
+            found = *interval;
+            let beyond = x >= found.high;
+            if !beyond {
                 break;
             }
         }
-        i
+        found
+    }
+
+    /// An interval by its number; for one that does not exist, one that holds nowhere.
+    ///
+    /// # Real-time
+    /// O(1), never panics.
+    #[inline]
+    pub fn interval_at(&self, index: u32) -> Interval {
+        self.intervals.get(index as usize).copied().unwrap_or(Interval::none())
     }
 }
 
@@ -81,7 +100,10 @@ pub struct Interval {
 
 impl Interval {
     /// One that holds nowhere.
-    pub const NONE: Self = Interval { index: 0, knot: 0.0, low: f64::INFINITY, high: f64::INFINITY };
+    #[inline(always)]
+    pub fn none() -> Self {
+        Interval { index: 0, knot: 0.0, low: f64::INFINITY, high: f64::INFINITY }
+    }
 
     /// Whether a deflection lies in it.
     #[inline]
@@ -96,24 +118,6 @@ impl Interval {
     }
 }
 
-impl Knots {
-    /// The interval that holds `x`: the last is the extension, and the first holds what lies below zero.
-    ///
-    /// # Real-time
-    /// O(1), never panics.
-    #[inline]
-    pub fn interval(&self, x: f64) -> Interval {
-        let index = self.locate(x);
-        let knot = self.knots.get(index).copied().unwrap_or(0.0);
-        Interval {
-            index,
-            knot,
-            low: if index == 0 { f64::NEG_INFINITY } else { knot },
-            high: self.knots.get(index + 1).copied().unwrap_or(f64::INFINITY),
-        }
-    }
-}
-
 /// One interval of the curves of three test points: what (5) blends while the deflection stays in it.
 #[derive(Debug, Clone, Copy)]
 pub struct Rows<'a, const N: usize> {
@@ -124,7 +128,16 @@ pub struct Rows<'a, const N: usize> {
 
 impl<const N: usize> Rows<'_, N> {
     /// Rows that hold nowhere: to be looked up before the first blend.
-    pub const NONE: Self = Rows { interval: Interval::NONE, rows: [&[0.0; N]; 3] };
+    #[inline(always)]
+    pub fn none() -> Self {
+        Rows { interval: Interval::none(), rows: [&[0.0; N]; 3] }
+    }
+
+    /// Which of the knots' intervals.
+    #[inline]
+    pub fn interval(&self) -> Interval {
+        self.interval
+    }
 
     /// Whether a deflection lies in this interval.
     #[inline]
@@ -229,7 +242,16 @@ impl Responses {
     /// O(1), no allocation, never panics: a test point that does not exist answers nothing.
     #[inline]
     pub fn depth_rows(&self, points: [u32; 3], depth: f64) -> Rows<'_, 9> {
-        rows(&self.depth, &self.depth_rows, points, depth)
+        self.depth_rows_in(points, self.depth.interval(depth))
+    }
+
+    /// The same in an interval of the depth's knots.
+    ///
+    /// # Real-time
+    /// As [`Responses::depth_rows`].
+    #[inline]
+    pub fn depth_rows_in(&self, points: [u32; 3], interval: Interval) -> Rows<'_, 9> {
+        rows(&self.depth, &self.depth_rows, points, interval)
     }
 
     /// The interval of three test points' lateral curves that holds δr.
@@ -238,7 +260,16 @@ impl Responses {
     /// As [`Responses::depth_rows`].
     #[inline]
     pub fn lateral_rows(&self, points: [u32; 3], deflection: f64) -> Rows<'_, 5> {
-        rows(&self.lateral, &self.lateral_rows, points, deflection)
+        self.lateral_rows_in(points, self.lateral.interval(deflection))
+    }
+
+    /// The same in an interval of the lateral deflection's knots.
+    ///
+    /// # Real-time
+    /// As [`Responses::depth_rows`].
+    #[inline]
+    pub fn lateral_rows_in(&self, points: [u32; 3], interval: Interval) -> Rows<'_, 5> {
+        rows(&self.lateral, &self.lateral_rows, points, interval)
     }
 
     /// Where the energies of test points at a depth and a lateral deflection are found: in the intervals of rows that
@@ -260,6 +291,7 @@ impl Responses {
             lateral_interval: rows.1.interval.index,
             depth_powers,
             lateral_powers,
+            single: [depth_powers, lateral_powers].map(|powers| powers.map(|p| p as f32)),
         }
     }
 
@@ -317,6 +349,8 @@ pub struct BasisValues<'a> {
     /// with to give the energy.
     depth_powers: [f64; POWERS],
     lateral_powers: [f64; POWERS],
+    /// Both in single precision.
+    pub(crate) single: [[f32; POWERS]; 2],
 }
 
 /// Coefficients of a test point's energy in one interval.
@@ -350,12 +384,6 @@ impl BasisValues<'_> {
         crate::gradient::EnergyCache { points, energies: points.map(|t| self.energy(t)) }
     }
 
-    /// The powers of both, in single precision.
-    #[inline]
-    pub(crate) fn single(&self) -> [[f32; POWERS]; 2] {
-        [self.depth_powers, self.lateral_powers].map(|powers| powers.map(|p| p as f32))
-    }
-
     /// Where the rows of these intervals are in tables of the same knots.
     #[inline]
     pub(crate) fn rows(&self, point: usize) -> (usize, usize) {
@@ -365,8 +393,12 @@ impl BasisValues<'_> {
 }
 
 #[inline]
-fn rows<'a, const N: usize>(knots: &Knots, table: &'a [[f64; N]], points: [u32; 3], x: f64) -> Rows<'a, N> {
-    let interval = knots.interval(x);
+fn rows<'a, const N: usize>(
+    knots: &Knots,
+    table: &'a [[f64; N]],
+    points: [u32; 3],
+    interval: Interval,
+) -> Rows<'a, N> {
     let columns = knots.knots.len();
     let row = |point: u32| table.get(point as usize * columns + interval.index).unwrap_or(&[0.0; N]);
     Rows { interval, rows: points.map(row) }
@@ -529,7 +561,7 @@ mod tests {
             for h in steps { knots.push(knots[knots.len() - 1] + h); }
             let table = Knots::new(&knots).unwrap();
             for x in knots.iter().copied().chain([at * knots[knots.len() - 1], 1e9, -1.0, f64::NAN, f64::INFINITY]) {
-                let i = table.locate(x);
+                let i = table.interval(x).index;
                 let want = knots.iter().skip(1).take_while(|&&k| x >= k).count();
                 prop_assert_eq!(i, want);
             }

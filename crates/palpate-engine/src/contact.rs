@@ -56,6 +56,9 @@ pub struct Contact {
     rule: SlipRule,
     state: State,
     guess: Guess,
+    /// The intervals of the knots that held the last deflections: the next step reads their rows before it knows its own. No
+    /// force depends on it.
+    intervals: [u32; 2],
     energy: Ledger,
     counters: Counters,
     /// See [`Budget::STEP`].
@@ -141,6 +144,8 @@ struct Step<'b> {
     budget: Budget,
     /// Queries of the surface so far.
     queries: u32,
+    /// See [`cut`]; only where the last slip could not go on.
+    cut: DVec3,
 }
 
 impl Step<'_> {
@@ -200,6 +205,7 @@ impl Contact {
             rule,
             state: State::Unknown,
             guess: Guess::default(),
+            intervals: [0; 2],
             energy,
             counters,
             budget: Budget::STEP,
@@ -323,7 +329,9 @@ impl Contact {
     fn step_as<L: ForceLaw, R: Rule>(&mut self, body: &ContactModel, tool: &ToolState, dt_s: f64) -> Output {
         self.counters.steps += 1;
         let mut flags = Flags::default();
-        flags.set(Flags::INVALID_TIME, !(0.0..f64::INFINITY).contains(&dt_s));
+        if !(0.0..f64::INFINITY).contains(&dt_s) {
+            flags.set(Flags::INVALID_TIME, true);
+        }
         let Some(tool_position) = tool.accept().filter(|_| body.identity() == self.body) else {
             flags.set(Flags::INVALID_POSE, tool.accept().is_none());
             flags.set(Flags::OTHER_BODY, body.identity() != self.body);
@@ -332,14 +340,14 @@ impl Contact {
             return self.untouched(flags);
         };
         let budget = Budget::new(self.budget);
-        let mut step = Step { body, from: tool_position, tool_position, flags, budget, queries: 0 };
+        let mut step =
+            Step { body, from: tool_position, tool_position, flags, budget, queries: 0, cut: DVec3::ZERO };
         let output = self.stages::<L, R>(&mut step);
         self.counters.count(output.flags);
-        self.counters.evaluations += u64::from(step.budget.evaluations);
-        self.counters.crossings += u64::from(step.budget.crossings);
-        self.counters.queries += u64::from(step.queries);
-        self.counters.without_gradients +=
-            u64::from(output.flags.has(Flags::IN_CONTACT) && !R::is_ready(body));
+        self.counters.take(step.budget.evaluations, step.budget.crossings, step.queries);
+        if !R::is_ready(body) {
+            self.counters.without_gradients += u64::from(output.flags.has(Flags::IN_CONTACT));
+        }
         output
     }
 
@@ -378,16 +386,16 @@ impl Contact {
         };
         let waiting = matches!(self.state, State::Waiting { .. });
         let before = (waiting || new.is_some()).then_some((at, self.energy));
-        let mut kernel = ElementKernel::<L>::new(step.body, self.setting, at.element);
+        let mut kernel = ElementKernel::<L>::expecting(step.body, self.setting, at.element, self.intervals);
         let mut evaluation = self.stick(&mut kernel, at, step.tool_position);
-        let (mut end, mut drive) = self.slip::<L, R>(&mut kernel, &mut at, &mut evaluation, step);
+        let mut end = self.slip::<L, R>(&mut kernel, &mut at, &mut evaluation, step);
         if let Some(from) = before.filter(|_| waiting && end != End::PatchBoundary && end != End::Border) {
-            (end, drive) =
-                self.catch_up::<L, R>(from, &mut kernel, &mut at, &mut evaluation, (end, drive), step);
+            end = self.catch_up::<L, R>(from, &mut kernel, &mut at, &mut evaluation, end, step);
         }
+        self.intervals = kernel.intervals();
         if evaluation.depth > 0.0 && end != End::Border {
             step.flags.set(Flags::ONSET, new.is_some());
-            return self.answer(at, &evaluation, end, &drive, step);
+            return self.answer(at, &evaluation, end, step);
         }
         let new = new.zip(before).map(|(guess, (_, energy))| (energy, guess));
         self.leave::<L, R>(step, at, &evaluation, end, new)
@@ -450,7 +458,7 @@ impl Contact {
         step.budget.evaluate();
         let mut evaluation = kernel.evaluate(at.n, step.tool_position);
         let (kept, flags) = (self.kept(), step.flags);
-        let (end, _) = self.slip::<L, R>(&mut kernel, &mut at, &mut evaluation, step);
+        let end = self.slip::<L, R>(&mut kernel, &mut at, &mut evaluation, step);
         self.restore(kept);
         step.flags = flags;
         let inside = evaluation.depth > 0.0 || end == End::Border;
@@ -491,6 +499,9 @@ impl Contact {
         let (start, tool_position, budget, mut estimate) =
             (evaluation.c, step.from, &mut step.budget, ComplianceEstimate::default());
         let drive = R::drive(&mut kernel, settled.n, &evaluation);
+        if slip::within(&drive, &evaluation) {
+            return at;
+        }
         let (end, _) = slip::slip::<L, R>(
             &mut kernel,
             &mut settled,
@@ -521,7 +532,7 @@ impl Contact {
     }
 
     /// Stage 3: the contact point moves with the tool held, until the lateral force is within the friction limit. Returns
-    /// how that ended, and the drive there.
+    /// how that ended.
     #[inline(always)]
     fn slip<L: ForceLaw, R: Rule>(
         &mut self,
@@ -529,10 +540,10 @@ impl Contact {
         at: &mut SurfacePoint,
         evaluation: &mut Evaluation,
         step: &mut Step,
-    ) -> (End, Drive) {
+    ) -> End {
         let drive = R::first(kernel, at.n, evaluation, self.guess.last_reaction);
         if slip::within(&drive, evaluation) {
-            return (End::Settled, drive);
+            return End::Settled;
         }
         self.slide::<L, R>(kernel, at, evaluation, drive, step)
     }
@@ -546,7 +557,7 @@ impl Contact {
         evaluation: &mut Evaluation,
         drive: Drive,
         step: &mut Step,
-    ) -> (End, Drive) {
+    ) -> End {
         let start = *at;
         let (estimate, budget) = (&mut self.guess.estimate, &mut step.budget);
         let (end, drive) =
@@ -554,14 +565,18 @@ impl Contact {
         if !R::LATERAL {
             self.guess.last_reaction = evaluation.u_t * evaluation.lateral_force - drive.along * drive.force;
         }
-        let (end, drive) = if self.tank && evaluation.energy > self.allowed() && end != End::Border {
-            (End::HeldBack, self.hold_back::<L, R>(kernel, start, at, evaluation, step))
+        let end = if self.tank && evaluation.energy > self.allowed() && end != End::Border {
+            self.hold_back::<L, R>(kernel, start, at, evaluation, step);
+            End::HeldBack
         } else {
-            (end, drive)
+            end
         };
+        if matches!(end, End::Capped | End::PatchBoundary) {
+            step.cut = cut(evaluation, end, &drive);
+        }
         self.energy.slip(evaluation.energy);
         step.flags.set(Flags::SLIPPING, *at != start);
-        (end, drive)
+        end
     }
 
     /// What a slip may raise W to, J: what is stored, and what the tank holds (LAW 3).
@@ -571,7 +586,7 @@ impl Contact {
     }
 
     /// A slip that led from `start` to `at`, where W is more than allowed, goes only as far as W allows: straight over the
-    /// surface towards `at`, to the root of what W exceeds it by. Returns the drive there.
+    /// surface towards `at`, to the root of what W exceeds it by.
     #[cold]
     #[inline(never)]
     fn hold_back<L: ForceLaw, R: Rule>(
@@ -581,7 +596,7 @@ impl Contact {
         at: &mut SurfacePoint,
         evaluation: &mut Evaluation,
         step: &mut Step,
-    ) -> Drive {
+    ) {
         let (body, allowed) = (step.body, self.allowed());
         let way = evaluation.c - body.point(start);
         let v = way.normalize_or_zero();
@@ -611,7 +626,6 @@ impl Contact {
         }
         *at = low.1;
         *evaluation = step.read(kernel, *at);
-        R::drive(kernel, at.n, evaluation)
     }
 
     /// After a wait at a patch's boundary: the contact point runs after the tool by no more than [`CATCH_UP`] times as far
@@ -624,9 +638,9 @@ impl Contact {
         kernel: &mut ElementKernel<L>,
         at: &mut SurfacePoint,
         evaluation: &mut Evaluation,
-        slipped: (End, Drive),
+        slipped: End,
         step: &mut Step,
-    ) -> (End, Drive) {
+    ) -> End {
         let body = step.body;
         let (way, most) =
             (evaluation.c - body.point(held), CATCH_UP * step.tool_position.distance(step.from));
@@ -644,13 +658,12 @@ impl Contact {
         self.energy = before;
         self.energy.stick(step.read(kernel, held).energy);
         *evaluation = step.read(kernel, *at);
-        let drive = if self.tank && evaluation.energy > self.allowed() {
-            self.hold_back::<L, R>(kernel, held, at, evaluation, step)
-        } else {
-            R::drive(kernel, at.n, evaluation)
-        };
+        if self.tank && evaluation.energy > self.allowed() {
+            self.hold_back::<L, R>(kernel, held, at, evaluation, step);
+        }
+        step.cut = cut(evaluation, End::PatchBoundary, &R::drive(kernel, at.n, evaluation));
         self.energy.slip(evaluation.energy);
-        (End::PatchBoundary, drive)
+        End::PatchBoundary
     }
 
     /// Stage 4: no depth, or over the border. The contact has ended; or, if it is `new` in this step, it comes to nothing
@@ -724,13 +737,13 @@ impl Contact {
             // The tool was this deep before: no work leads here, and the ledger says that the energy was generated.
             self.energy.slip(evaluation.energy);
         }
-        let (end, drive) = self.slip::<L, R>(&mut kernel, &mut at, &mut evaluation, step);
+        let end = self.slip::<L, R>(&mut kernel, &mut at, &mut evaluation, step);
         // On the surface up to rounding the tool has not been taken up anew.
         if evaluation.depth > ON_SURFACE && end != End::Border {
             let released = flags.has(Flags::RELEASED);
             step.flags.set(Flags::REANCHORED, released || !from_outside);
             step.flags.set(Flags::ONSET, !released);
-            return Ok(self.answer(at, &evaluation, end, &drive, step));
+            return Ok(self.answer(at, &evaluation, end, step));
         }
         self.restore(kept);
         step.flags = flags;
@@ -752,30 +765,24 @@ impl Contact {
 
     /// Stage 5: the state for the next step, and the force.
     #[inline(always)]
-    fn answer(
-        &mut self,
-        at: SurfacePoint,
-        evaluation: &Evaluation,
-        end: End,
-        drive: &Drive,
-        step: &mut Step,
-    ) -> Output {
-        let found = if end == End::PatchBoundary { Found::Boundary { at } } else { Found::Depth { at } };
-        self.state = State::after(found, step.tool_position);
+    fn answer(&mut self, at: SurfacePoint, evaluation: &Evaluation, end: End, step: &mut Step) -> Output {
         let flags = &mut step.flags;
         flags.set(Flags::IN_CONTACT, true);
-        flags.set(Flags::BLOCKED, end == End::Blocked);
-        flags.set(Flags::CAPPED, end == End::Capped);
-        flags.set(Flags::PATCH_BOUNDARY, end == End::PatchBoundary);
-        flags.set(Flags::HELD_BACK, end == End::HeldBack);
         flags.set(Flags::PULLING, evaluation.normal < 0.0);
-        let cut = if matches!(end, End::Capped | End::PatchBoundary) {
-            cut(evaluation, end, drive)
+        let mut force = DVec3::ZERO - evaluation.force();
+        if end == End::Settled {
+            self.state = State::after(Found::Depth { at }, step.tool_position);
         } else {
-            DVec3::ZERO
-        };
-        let mut force = cut - evaluation.force();
-        if !force.is_finite() {
+            flags.set(end.flags(), true);
+            let at_boundary = end == End::PatchBoundary;
+            let found = if at_boundary { Found::Boundary { at } } else { Found::Depth { at } };
+            self.state = State::after(found, step.tool_position);
+            if at_boundary || end == End::Capped {
+                force += step.cut;
+            }
+        }
+        // A sum that overflows is as good as one that does.
+        if !force.abs().element_sum().is_finite() {
             // The output check: no NaN or infinity leaves.
             flags.set(Flags::CONTAINED, true);
             force = DVec3::ZERO;

@@ -27,9 +27,14 @@ impl<'a> PointsOfElement<'a> {
     fn look_up(&mut self, model: &'a ContactModel, nodes: [&Node; 3], depth: f64) {
         if !self.interval.holds(depth) {
             self.interval = model.responses().depth_knots().interval(depth);
-            let index = self.interval.index;
-            self.potentials = self.blend.points(nodes).map(|point| model.potentials().at(point, index));
+            self.potentials = self.found(model, nodes);
         }
+    }
+
+    /// The potentials in the current interval.
+    #[inline(always)]
+    fn found(&self, model: &'a ContactModel, nodes: [&Node; 3]) -> [PotentialAt<'a>; 3] {
+        self.blend.points(nodes).map(|point| model.potentials().at(point, self.interval.index))
     }
 
     /// Shows every test point that is blended, with its weights where the area coordinates are each of `n`; and which of the
@@ -78,21 +83,32 @@ impl ForceLaw for Coupled {
     type Element<'a> = PointsOfElement<'a>;
     type Energies<'a> = CoupledEnergies<'a>;
 
-    #[inline]
-    fn element<'a>(model: &'a ContactModel, _: u32, nodes: [&'a Node; 3]) -> Self::Element<'a> {
-        let nothing = model.potentials().at(u32::MAX, 0);
-        PointsOfElement { blend: Blend::of(nodes), interval: Interval::NONE, potentials: [nothing; 3] }
+    #[inline(always)]
+    fn element<'a>(
+        model: &'a ContactModel,
+        _: u32,
+        nodes: [&'a Node; 3],
+        [depth, _]: [u32; 2],
+    ) -> Self::Element<'a> {
+        let (interval, blend) = (model.responses().depth_knots().interval_at(depth), Blend::of(nodes));
+        let potentials = blend.points(nodes).map(|point| model.potentials().at(point, interval.index));
+        PointsOfElement { blend, interval, potentials }
+    }
+
+    #[inline(always)]
+    fn intervals(points: &Self::Element<'_>) -> [u32; 2] {
+        [points.interval.index as u32, 0]
     }
 
     #[inline]
     fn change_element<'a>(
         points: &mut Self::Element<'a>,
-        _: &'a ContactModel,
+        model: &'a ContactModel,
         _: u32,
         [before, nodes]: [[&'a Node; 3]; 2],
     ) {
         if !points.blend.change_element(before, nodes) {
-            points.interval = Interval::NONE;
+            points.potentials = points.found(model, nodes);
         }
     }
 

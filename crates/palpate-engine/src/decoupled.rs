@@ -13,7 +13,8 @@ use crate::kernel::{Change, Deflection, Drift, Evaluation, Reading};
 use glam::DVec3;
 use palpate_body::law::decoupled;
 use palpate_body::{
-    BasisValues, ContactModel, DecoupledEnergies, EnergyCache, Gradients, Node, Rows, Sample, Tensor, tensor,
+    BasisValues, ContactModel, DecoupledEnergies, EnergyCache, Gradients, Interval, Knots, Node, Rows,
+    Sample, Tensor, tensor,
 };
 use std::array::from_fn;
 
@@ -63,11 +64,16 @@ impl<'a, T> Curves<'a, T> {
         n: [f64; 3],
         [depth, rho]: [f64; 2],
     ) -> ([f64; 9], [f64; 5]) {
-        let (mut z, mut r) = ([0.0; 9], [0.0; 5]);
+        let (mut z, mut r, responses) = ([0.0; 9], [0.0; 5], model.responses());
+        let held = |interval: Interval, knots: &Knots, x: f64| {
+            if interval.holds(x) { interval } else { knots.interval(x) }
+        };
+        let depth = held(self.depth.interval(), responses.depth_knots(), depth);
+        let lateral = held(self.lateral.interval(), responses.lateral_knots(), rho);
         for (n, node) in n.into_iter().zip(nodes) {
             let weights = node.weights.map(|w| n * w);
-            self.depth = model.responses().depth_rows(node.test_points, depth);
-            self.lateral = model.responses().lateral_rows(node.test_points, rho);
+            self.depth = responses.depth_rows_in(node.test_points, depth);
+            self.lateral = responses.lateral_rows_in(node.test_points, lateral);
             for (sum, x) in z.iter_mut().zip(self.depth.blend(weights)) {
                 *sum += x;
             }
@@ -105,14 +111,26 @@ impl<M: Metric> ForceLaw for M {
     type Element<'a> = Curves<'a, M::Nodes<'a>>;
     type Energies<'a> = DecoupledEnergies<'a>;
 
-    #[inline]
-    fn element<'a>(model: &'a ContactModel, element: u32, nodes: [&'a Node; 3]) -> Self::Element<'a> {
+    #[inline(always)]
+    fn element<'a>(
+        model: &'a ContactModel,
+        element: u32,
+        nodes: [&'a Node; 3],
+        [depth, lateral]: [u32; 2],
+    ) -> Self::Element<'a> {
+        let (responses, blend) = (model.responses(), Blend::of(nodes));
+        let (points, knots) = (blend.points(nodes), [responses.depth_knots(), responses.lateral_knots()]);
         Curves {
-            blend: Blend::of(nodes),
-            depth: Rows::NONE,
-            lateral: Rows::NONE,
+            blend,
+            depth: responses.depth_rows_in(points, knots[0].interval_at(depth)),
+            lateral: responses.lateral_rows_in(points, knots[1].interval_at(lateral)),
             tensors: M::nodes(model, element),
         }
+    }
+
+    #[inline(always)]
+    fn intervals(curves: &Self::Element<'_>) -> [u32; 2] {
+        [curves.depth.interval().index as u32, curves.lateral.interval().index as u32]
     }
 
     #[inline]
@@ -124,7 +142,9 @@ impl<M: Metric> ForceLaw for M {
     ) {
         curves.tensors = M::nodes(model, element);
         if !curves.blend.change_element(before, nodes) {
-            (curves.depth, curves.lateral) = (Rows::NONE, Rows::NONE);
+            let (responses, points) = (model.responses(), curves.blend.points(nodes));
+            curves.depth = responses.depth_rows_in(points, curves.depth.interval());
+            curves.lateral = responses.lateral_rows_in(points, curves.lateral.interval());
         }
     }
 

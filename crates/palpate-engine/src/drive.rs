@@ -13,7 +13,7 @@
 use crate::force_law::ForceLaw;
 use crate::kernel::{ElementKernel, Evaluation};
 use glam::{DVec3, Vec3A};
-use palpate_body::{ContactModel, Node};
+use palpate_body::ContactModel;
 
 /// A drive, to be brought within the friction limit.
 #[derive(Debug, Clone, Copy)]
@@ -155,7 +155,7 @@ fn greatest<L: ForceLaw>(kernel: &mut ElementKernel<L>, n: [f64; 3], f: &Evaluat
         sum *= 1.1;
     }
     if kernel.setting.interpolates_frames() {
-        sum += blended(a.frame_gradient, b.frame_gradient, c.frame_gradient) * kernel.couple(n, f).length()
+        sum += blended(a.frame_gradient, b.frame_gradient, c.frame_gradient) * kernel.couple_length(n, f)
             / f.frame_length;
     }
     // Not a number where an infinite bound meets no energy.
@@ -169,31 +169,30 @@ const NOISE: f64 = 5e-7;
 ///
 /// Continuous over edges, the frame's turning like the energies': with an element's own ∇n_l it would jump wherever the
 /// elements at an edge are curved differently. P_û and not the element's plane for the same reason.
-#[inline(always)]
-fn reaction<L: ForceLaw>(kernel: &mut ElementKernel<L>, n: [f64; 3], f: &Evaluation) -> DVec3 {
+#[inline(never)]
+fn reaction<L: ForceLaw>(kernel: &ElementKernel<L>, n: [f64; 3], f: &Evaluation) -> DVec3 {
     let Some(gradients) = kernel.body.gradients() else { return DVec3::ZERO };
+    let (setting, u) = (kernel.setting, f.u());
+    let lever = if setting.interpolates_frames() {
+        (kernel.couple(n, f) * (1.0 / f.frame_length)).as_vec3a()
+    } else {
+        Vec3A::ZERO
+    };
+    let energies = kernel.stretch.energies(&kernel.coefficients, kernel.body, kernel.nodes, f);
+    let (tensors, single) = (kernel.stretch.tensor_gradient(f), u.as_vec3a());
     let numbers = kernel.body.element_node_numbers(kernel.element);
-    let [a, b, c] = n.map(|n| n as f32);
-    let u = f.u();
     let mut sum = Vec3A::ZERO;
-    if kernel.setting.interpolates_responses() {
-        let energies = kernel.stretch.energies(&kernel.coefficients, kernel.body, kernel.nodes, f);
-        let tensors = kernel.stretch.tensor_gradient(f);
-        let (single, nodes) = (u.as_vec3a(), kernel.nodes);
-        let one = |number: u32, node: &Node| {
-            let mut gradient = gradients.energy(number, node.test_points[0], &energies);
+    for ((number, node), n) in numbers.into_iter().zip(kernel.nodes).zip(n) {
+        let mut gradient = Vec3A::ZERO;
+        if setting.interpolates_responses() {
+            gradient = gradients.energy(number, node.test_points[0], &energies);
             if let Some((deflection, half)) = tensors {
                 gradient += gradients.tensor(number, deflection) * half as f32;
             }
             // Turned from the node's plane into c's without losing length, up to the fourth order.
-            gradient - node.inward.as_vec3a() * (0.5 * single.dot(gradient))
-        };
-        sum = one(numbers[0], nodes[0]) * a + one(numbers[1], nodes[1]) * b + one(numbers[2], nodes[2]) * c;
-    }
-    if kernel.setting.interpolates_frames() {
-        let lever = (kernel.couple(n, f) * (1.0 / f.frame_length)).as_vec3a();
-        let [x, y, z] = numbers.map(|node| gradients.frame_gradient(node, lever));
-        sum += x * a + y * b + z * c;
+            gradient -= node.inward.as_vec3a() * (0.5 * single.dot(gradient));
+        }
+        sum += (gradient + gradients.frame_gradient(number, lever)) * n as f32;
     }
     let sum = sum.as_dvec3();
     sum - u * u.dot(sum)

@@ -74,8 +74,16 @@ pub(crate) trait ForceLaw: Copy + Default {
     /// Energies of single test points.
     type Energies<'a>: PointEnergies;
 
-    /// Of an element.
-    fn element<'a>(model: &'a ContactModel, element: u32, nodes: [&'a Node; 3]) -> Self::Element<'a>;
+    /// Of an element. `intervals` of the knots are likely to hold the deflections: what is read of them need not wait for these.
+    fn element<'a>(
+        model: &'a ContactModel,
+        element: u32,
+        nodes: [&'a Node; 3],
+        intervals: [u32; 2],
+    ) -> Self::Element<'a>;
+
+    /// The intervals that held the last deflections.
+    fn intervals(coefficients: &Self::Element<'_>) -> [u32; 2];
 
     /// Of another one: `nodes` are those before and now.
     fn change_element<'a>(

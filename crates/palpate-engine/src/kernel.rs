@@ -141,9 +141,21 @@ impl<'a, L: ForceLaw> ElementKernel<'a, L> {
     /// The element under the contact point.
     #[inline]
     pub fn new(body: &'a ContactModel, setting: Setting, element: u32) -> Self {
+        Self::expecting(body, setting, element, [0; 2])
+    }
+
+    /// The same, where the deflections are likely to lie in these intervals of the knots.
+    #[inline(always)]
+    pub fn expecting(body: &'a ContactModel, setting: Setting, element: u32, intervals: [u32; 2]) -> Self {
         let nodes = body.element_nodes(element);
-        let coefficients = L::element(body, element, nodes);
+        let coefficients = L::element(body, element, nodes, intervals);
         ElementKernel { body, setting, element, nodes, coefficients, stretch: L::default() }
+    }
+
+    /// The intervals of the last deflections.
+    #[inline(always)]
+    pub fn intervals(&self) -> [u32; 2] {
+        L::intervals(&self.coefficients)
     }
 
     /// Another element; what was looked up stays where it blends the same test points.
@@ -215,10 +227,25 @@ impl<'a, L: ForceLaw> ElementKernel<'a, L> {
     /// b = (f_z − û·p) δ_t − (δ·û) f_t, N·m: while û turns by dû, W rises by b·dû.
     #[inline]
     pub fn couple(&self, n: [f64; 3], f: &Evaluation) -> DVec3 {
+        if L::ISOTROPIC {
+            return f.u_t * self.couple_along(f);
+        }
         let normal_coupling =
             self.stretch.normal_coupling(&self.coefficients, self.response_coordinates(n), f);
         self.stretch.deflection(f) * (f.normal - normal_coupling)
             - f.u_t * (f.lateral_force * (f.depth - self.setting.radius_m))
+    }
+
+    /// |b|, N·m.
+    #[inline(always)]
+    pub fn couple_length(&self, n: [f64; 3], f: &Evaluation) -> f64 {
+        if L::ISOTROPIC { self.couple_along(f).abs() } else { self.couple(n, f).length() }
+    }
+
+    /// b's component along u_t, which is all of it where f_t lies along δ_t.
+    #[inline(always)]
+    fn couple_along(&self, f: &Evaluation) -> f64 {
+        f.normal * f.lateral - f.lateral_force * (f.depth - self.setting.radius_m)
     }
 
     /// [`Rates`] in this element.

@@ -146,6 +146,17 @@ impl Counters {
         }
     }
 
+    /// What a step took.
+    #[inline(always)]
+    pub(crate) fn take(&mut self, evaluations: u32, crossings: u32, queries: u32) {
+        // Nothing in a step that sticks.
+        if evaluations | crossings | queries != 0 {
+            self.evaluations += u64::from(evaluations);
+            self.crossings += u64::from(crossings);
+            self.queries += u64::from(queries);
+        }
+    }
+
     #[cold]
     #[inline(never)]
     fn count_rare(&mut self, flags: Flags) {

@@ -3,6 +3,7 @@
 
 use crate::budget::Budget;
 use crate::drive::{Drive, Rule};
+use crate::flags::Flags;
 use crate::force_law::ForceLaw;
 use crate::kernel::{ElementKernel, Evaluation};
 use crate::walk::{StartDirection, Stop, start_direction, walk};
@@ -28,6 +29,20 @@ pub(crate) enum End {
     PatchBoundary,
     /// The step's budget is spent.
     Capped,
+}
+
+impl End {
+    /// What a step that ends so reports.
+    #[inline(always)]
+    pub(crate) fn flags(self) -> Flags {
+        match self {
+            End::Settled | End::Border => Flags::default(),
+            End::Blocked => Flags::BLOCKED,
+            End::HeldBack => Flags::HELD_BACK,
+            End::PatchBoundary => Flags::PATCH_BOUNDARY,
+            End::Capped => Flags::CAPPED,
+        }
+    }
 }
 
 /// The contact point's displacement for each newton of drive in the last slips of a contact, m/N; 0 where there was none.
@@ -90,7 +105,7 @@ struct Search<'s, 'a, L: ForceLaw, R> {
     budget: &'s mut Budget,
 }
 
-/// Moves the contact point from `at`, where the law reads `evaluation` and the rule `drive`. `kernel` is at's element. Returns
+/// Moves the contact point from `at`, where the law reads `evaluation` and the rule `drive`, beyond the limit. `kernel` is at's element. Returns
 /// how it ended, and the drive there.
 #[inline]
 pub(crate) fn slip<L: ForceLaw, R: Rule>(
@@ -108,9 +123,10 @@ pub(crate) fn slip<L: ForceLaw, R: Rule>(
 }
 
 impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
+    /// From a drive that is beyond the limit.
     fn run(&mut self) -> End {
         let mut stalled = 0;
-        while !within(&self.drive, self.evaluation) {
+        loop {
             if self.budget.is_spent() {
                 return End::Capped;
             }
@@ -119,24 +135,29 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
                 Err(end) => return end,
             };
             let start = *self.at;
-            if self.newton(v, self.estimate.guess()) {
+            if self.newton(v, self.estimate.guess()) || self.newton_anew(start, v) {
                 stalled = 0;
-                continue;
+            } else {
+                self.back_to(start);
+                // Two sides that send the point back to each other make no progress.
+                stalled = if self.line(v) < CLOSED { stalled + 1 } else { 0 };
+                if stalled > 2 {
+                    return End::Blocked;
+                }
             }
-            self.back_to(start);
-            let eta = self.eta(v);
-            if self.newton(v, 1.0 / eta) {
-                stalled = 0;
-                continue;
-            }
-            self.back_to(start);
-            // Two sides that send the point back to each other make no progress.
-            stalled = if self.line(v) < CLOSED { stalled + 1 } else { 0 };
-            if stalled > 2 {
-                return End::Blocked;
+            if within(&self.drive, self.evaluation) {
+                return End::Settled;
             }
         }
-        End::Settled
+    }
+
+    /// With the slope of the law itself, where the guess led nowhere.
+    #[cold]
+    #[inline(never)]
+    fn newton_anew(&mut self, start: SurfacePoint, v: DVec3) -> bool {
+        self.back_to(start);
+        let eta = self.eta(v);
+        self.newton(v, 1.0 / eta)
     }
 
     /// The drive's direction from here, if it can move: the contact point may lie on an edge or a vertex.
@@ -203,7 +224,7 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
     /// close in, and a slower search has to do.
     ///
     /// Its first iterate with the slope f_r' would be the paper's |δr − δs|.
-    #[inline]
+    #[inline(always)]
     fn newton(&mut self, v: DVec3, compliance: f64) -> bool {
         // Slopes between a tenth and ten times f_r' are accepted; and c never has to run much farther than δr.
         let (stiffness, farthest) = (self.evaluation.lateral_slope, 1.5 * self.drive.step_bound);
@@ -213,8 +234,9 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
         let energy = self.evaluation.energy;
         let mut excess = first;
         // The paper's rule has the scalar secant alone.
-        let (bent, mut answer) =
-            (L::COUPLED || (L::ISOTROPIC && !R::LATERAL), InverseJacobian::new(compliance));
+        let bent = L::COUPLED || (L::ISOTROPIC && !R::LATERAL);
+        // From the second iterate on: mostly there is none.
+        let mut answer = None;
         let mut residual = self.drive.along * first;
         while !self.budget.is_spent() && believable(compliance) && excess * compliance <= farthest {
             let displacement = excess * compliance;
@@ -258,6 +280,7 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
             }
             if bent {
                 let left = self.drive.along * now;
+                let answer = answer.get_or_insert_with(|| InverseJacobian::new(compliance));
                 answer.learn(v * displacement, residual - left);
                 let next = answer.displacement(left);
                 let length = next.length();

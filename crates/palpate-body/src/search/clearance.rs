@@ -2,6 +2,7 @@
 
 use super::nearest::nearest_on_triangle;
 use super::point;
+use super::tree::Distance;
 use crate::model::ContactModel;
 use glam::DVec3;
 
@@ -20,18 +21,14 @@ impl ContactModel {
             (point(corners, nearest_on_triangle(p, corners)) - p).length_squared()
         };
         let mut best = (distance_squared(hint), hint);
-        self.search.walk(
-            best.0 * SURE * SURE,
-            |b| b.distance_squared(p),
-            |element, bound| {
-                let d = distance_squared(element);
-                if d < best.0 {
-                    best = (d, element);
-                    return d * SURE * SURE;
-                }
-                bound
-            },
-        );
+        self.search.walk(best.0 * SURE * SURE, &Distance(p), |element, bound| {
+            let d = distance_squared(element);
+            if d < best.0 {
+                best = (d, element);
+                return d * SURE * SURE;
+            }
+            bound
+        });
         (best.0.sqrt() * SURE, best.1)
     }
 }

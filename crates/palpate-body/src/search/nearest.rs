@@ -1,6 +1,7 @@
 //! The nearest point of the surface, and on which side of it a place is.
 
-use super::{SurfacePoint, point, tree::Search};
+use super::tree::{Distance, Search};
+use super::{SurfacePoint, point};
 use crate::model::ContactModel;
 use crate::surface::corner_angle;
 use glam::DVec3;
@@ -26,21 +27,16 @@ impl Search {
         corners: impl Fn(u32) -> [DVec3; 3],
     ) -> Option<(SurfacePoint, f64)> {
         let mut best: Option<(SurfacePoint, f64)> = None;
-        let bound = max_distance * max_distance;
-        self.walk(
-            bound,
-            |b| b.distance_squared(p),
-            |element, bound| {
-                let corners = corners(element);
-                let n = nearest_on_triangle(p, corners);
-                let d = (point(corners, n) - p).length_squared();
-                if d < bound || (best.is_none() && d <= bound) {
-                    best = Some((SurfacePoint { element, n }, d));
-                    return d;
-                }
-                bound
-            },
-        );
+        self.walk(max_distance * max_distance, &Distance(p), |element, bound| {
+            let corners = corners(element);
+            let n = nearest_on_triangle(p, corners);
+            let d = (point(corners, n) - p).length_squared();
+            if d < bound || (best.is_none() && d <= bound) {
+                best = Some((SurfacePoint { element, n }, d));
+                return d;
+            }
+            bound
+        });
         best.map(|(at, d)| (at, d.sqrt()))
     }
 }

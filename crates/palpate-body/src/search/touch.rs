@@ -1,13 +1,13 @@
 //! The first touch of a moving tool: of a point on its segment, by a watertight test, or of a sphere around it.
 
 use super::nearest::nearest_on_triangle;
-use super::tree::{Search, Segment};
+use super::tree::{Entry, Search};
 use super::{SurfacePoint, point};
 use crate::model::ContactModel;
 use glam::DVec3;
 
 /// How far behind its start a segment still catches the surface, m: far above rounding, far below touch.
-const BACK_OFF: f64 = 1e-9;
+pub(super) const BACK_OFF: f64 = 1e-9;
 
 /// The first touch of a moving tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,35 +29,28 @@ impl Search {
         corners: impl Fn(u32) -> [DVec3; 3],
     ) -> Option<Touch> {
         let way = to - from;
-        let segment = Segment { middle: (from + to) * 0.5, half: way * 0.5 };
         let mut best: Option<(Touch, f64)> = None;
-        let reach = radius + BACK_OFF;
         let ray = Ray::new(from, way);
-        self.walk(
-            1.0,
-            // A box is of interest from the earliest fraction at which the segment can come to it.
-            |b| if b.meets(&segment, reach) { b.earliest(from, way, reach) } else { f64::INFINITY },
-            |element, bound| {
-                let corners = corners(element);
-                let hit = if radius > 0.0 {
-                    sphere_touch(from, way, radius, corners)
-                } else {
-                    ray.touch(from, corners)
-                };
-                let Some((fraction, n)) = hit else { return bound };
-                // Of touches at the same moment the nearest counts, then the lowest element: not the tree's order.
-                let distance = (from + way * fraction).distance(point(corners, n));
-                let earlier = best.is_none_or(|(b, d)| {
-                    (fraction, distance, element).partial_cmp(&(b.fraction, d, b.at.element))
-                        == Some(std::cmp::Ordering::Less)
-                });
-                if earlier {
-                    best = Some((Touch { at: SurfacePoint { element, n }, fraction }, distance));
-                    return fraction;
-                }
-                bound
-            },
-        );
+        self.walk(1.0, &Entry::new(from, way, radius + BACK_OFF), |element, bound| {
+            let corners = corners(element);
+            let hit = if radius > 0.0 {
+                sphere_touch(from, way, radius, corners)
+            } else {
+                ray.touch(from, corners)
+            };
+            let Some((fraction, n)) = hit else { return bound };
+            // Of touches at the same moment the nearest counts, then the lowest element: not the tree's order.
+            let distance = (from + way * fraction).distance(point(corners, n));
+            let earlier = best.is_none_or(|(b, d)| {
+                (fraction, distance, element).partial_cmp(&(b.fraction, d, b.at.element))
+                    == Some(std::cmp::Ordering::Less)
+            });
+            if earlier {
+                best = Some((Touch { at: SurfacePoint { element, n }, fraction }, distance));
+                return fraction;
+            }
+            bound
+        });
         best.map(|(touch, _)| touch)
     }
 }
@@ -79,7 +72,9 @@ impl ContactModel {
 /// A segment prepared for the watertight test: the axis it runs along most, and the shear that makes it run along z.
 pub(super) struct Ray {
     from: DVec3,
-    axes: [usize; 3],
+    /// The axis that it runs along most, and whether the others change places.
+    axis: u8,
+    mirrored: bool,
     shear: [f64; 2],
     along: f64,
 }
@@ -87,39 +82,25 @@ pub(super) struct Ray {
 impl Ray {
     pub fn new(from: DVec3, way: DVec3) -> Self {
         let size = way.abs();
-        let z = if size.x >= size.y && size.x >= size.z {
+        let axis = if size.x >= size.y && size.x >= size.z {
             0
         } else if size.y >= size.z {
             1
         } else {
             2
         };
+        let [.., along] = turned(way, axis);
         // A mirrored frame would turn faces over; swap to keep it right-handed along +z.
-        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
-        let pick = |v: DVec3, i: usize| match i {
-            0 => v.x,
-            1 => v.y,
-            _ => v.z,
-        };
-        let along = pick(way, z);
-        if along < 0.0 {
-            std::mem::swap(&mut x, &mut y);
-        }
-        let shear = [pick(way, x) / along, pick(way, y) / along];
-        Ray { from, axes: [x, y, z], shear, along }
+        let mirrored = along < 0.0;
+        let [x, y, _] = swapped(turned(way, axis), mirrored);
+        Ray { from, axis, mirrored, shear: [x / along, y / along], along }
     }
 
     /// Corners in the ray's frame, in which it runs from the origin along z.
     #[inline]
     fn sheared(&self, corners: [DVec3; 3]) -> [[f64; 3]; 3] {
         corners.map(|p| {
-            let p = p - self.from;
-            let pick = |i: usize| match i {
-                0 => p.x,
-                1 => p.y,
-                _ => p.z,
-            };
-            let [x, y, z] = self.axes.map(pick);
+            let [x, y, z] = swapped(turned(p - self.from, self.axis), self.mirrored);
             [x - self.shear[0] * z, y - self.shear[1] * z, z]
         })
     }
@@ -173,6 +154,22 @@ impl Ray {
         (fraction < 0.0 && offset.length() <= BACK_OFF && offset.dot(outward) <= 0.0)
             .then_some((0.0, at_start))
     }
+}
+
+/// With this axis as the last.
+#[inline(always)]
+fn turned(v: DVec3, axis: u8) -> [f64; 3] {
+    match axis {
+        0 => [v.y, v.z, v.x],
+        1 => [v.z, v.x, v.y],
+        _ => [v.x, v.y, v.z],
+    }
+}
+
+/// Seen in a mirror, if so.
+#[inline(always)]
+fn swapped([x, y, z]: [f64; 3], mirrored: bool) -> [f64; 3] {
+    if mirrored { [y, x, z] } else { [x, y, z] }
 }
 
 /// Fraction and area coordinates where a sphere that moves from `from` by `way` first touches a triangle's outer side.
@@ -230,4 +227,74 @@ fn first_root(gap: DVec3, way: DVec3, radius: f64) -> Option<f64> {
     }
     // b < 0: the sum below does not cancel.
     Some(c / (-b + discriminant.sqrt()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::search::nearest::nearest_on_triangle;
+
+    fn unit(seed: &mut u64) -> f64 {
+        *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (*seed >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Neither the groups' boxes nor the elements' own hide what a look at every triangle finds: ways along the axes, ways of no
+    /// length, triangles that lie in a plane of coordinates, starts on the surface.
+    #[test]
+    fn boxes_hide_nothing() {
+        let mut seed = 1;
+        let (mut hits, mut random) = (0, move || unit(&mut seed));
+        for round in 0..60 {
+            let count = 1 + (random() * 300.0) as u32;
+            let flat = round % 3 == 0;
+            let mut place = |size: f64| {
+                DVec3::new(random() - 0.5, random() - 0.5, if flat { 0.0 } else { random() - 0.5 }) * size
+            };
+            let triangles: Vec<[DVec3; 3]> = (0..count)
+                .map(|_| {
+                    let middle = place(0.1);
+                    [0; 3].map(|_| middle + place(0.02))
+                })
+                .collect();
+            let positions = triangles.as_flattened();
+            let corners = |e: u32| triangles[e as usize];
+            let coarse = Search::build(positions, count as usize, |e| [0, 1, 2].map(|i| 3 * e as u32 + i));
+            let mut fine = coarse.clone();
+            fine.refine(corners);
+            for case in 0..60 {
+                let mut way = DVec3::new(random() - 0.5, random() - 0.5, random() - 0.5) * 0.2;
+                match case % 5 {
+                    0 => (way.x, way.y) = (0.0, 0.0),
+                    1 => way.z = 0.0,
+                    2 if case % 2 == 0 => way = DVec3::ZERO,
+                    _ => {}
+                }
+                let target = positions[(random() * positions.len() as f64) as usize];
+                let from = target - way * if case % 4 == 0 { 0.0 } else { random() };
+                let (to, radius) = (from + way, if case % 2 == 0 { 0.0 } else { 5e-3 });
+                let ray = Ray::new(from, to - from);
+                let touches = (0..count).filter_map(|element| {
+                    let corners = corners(element);
+                    let (fraction, n) = match radius > 0.0 {
+                        true => sphere_touch(from, to - from, radius, corners),
+                        false => ray.touch(from, corners),
+                    }?;
+                    let distance = (from + (to - from) * fraction).distance(point(corners, n));
+                    Some((fraction, distance, element))
+                });
+                let first = touches.min_by(|a, b| a.partial_cmp(b).unwrap()).map(|(f, _, e)| (f, e));
+                let distance =
+                    |e| (point(corners(e), nearest_on_triangle(from, corners(e))) - from).length_squared();
+                let nearest = (0..count).map(distance).fold(f64::INFINITY, f64::min).sqrt();
+                for search in [&coarse, &fine] {
+                    let found = search.first_touch(from, to, radius, corners);
+                    assert_eq!(found.map(|t| (t.fraction, t.at.element)), first, "{round} {case}");
+                    assert_eq!(search.nearest(from, f64::INFINITY, corners).unwrap().1, nearest);
+                }
+                hits += u32::from(first.is_some());
+            }
+        }
+        assert!(hits > 500, "{hits}");
+    }
 }
