@@ -94,7 +94,8 @@ fn potentials_are_exported() {
 #[test]
 fn coupled_bodies_are_certified() {
     let directory = directory();
-    let out = directory.run("certify coupled.body --evaluations 10 --depth-mm 2 --damping-n-s-per-m 0.5 --json");
+    let out =
+        directory.run("certify coupled.body --evaluations 10 --depth-mm 2 --damping-n-s-per-m 0.5 --json");
     assert_eq!(out.status.code(), Some(3), "{}", String::from_utf8_lossy(&out.stderr));
     let json: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
     for name in ["passive", "snap_free"] {
@@ -102,7 +103,10 @@ fn coupled_bodies_are_certified() {
         let all = count("proved_elements") + count("failing_elements") + count("undecided_elements");
         assert_eq!(Some(all), json["elements"].as_u64());
         let [margin, found] = ["margin", "found"].map(|key| json[name][key].as_f64());
-        assert!(found.is_some() && margin.is_none_or(|margin| margin <= found.unwrap()), "{name}: {margin:?} {found:?}");
+        assert!(
+            found.is_some() && margin.is_none_or(|margin| margin <= found.unwrap()),
+            "{name}: {margin:?} {found:?}"
+        );
     }
     let scope = &json["scope"];
     assert_eq!(scope["lateral_m"].as_f64(), Some(potentials::RANGE));
@@ -116,5 +120,9 @@ fn coupled_bodies_are_certified() {
     let table = json["stiffness_max_n_per_m"].as_array().unwrap();
     assert!(table.iter().filter(within).all(|row| depth == 0.0 || row["value"].as_f64().unwrap() <= 1000.0));
     assert!(device["force_limit_n"].is_null(), "it depends on the lateral deflection");
-    directory.refused("certify coupled.body --raise-friction -o b.body --slip paper", 1, &["coupled potential", "tank"]);
+    directory.refused(
+        "certify coupled.body --raise-friction -o b.body --slip paper",
+        1,
+        &["coupled potential", "tank"],
+    );
 }

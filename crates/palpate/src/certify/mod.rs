@@ -6,7 +6,9 @@ pub mod witness;
 
 use crate::inspect::{StiffnessAt, stiffness_max};
 use palpate_body::{Body, NO_TWIN, SlipRule};
-use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, ElementStates, ROUNDING, SHALLOWEST, least};
+use palpate_engine::certify::{
+    Assumptions, Bounds, Criterion, Effort, ElementStates, ROUNDING, SHALLOWEST, least,
+};
 use rayon::prelude::*;
 use serde::Serialize;
 

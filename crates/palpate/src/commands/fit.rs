@@ -132,7 +132,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         tank: spec.as_ref().is_none_or(|s| s.tank),
         provenance,
     })
-    .map_err(|e| inputs.first().map_or_else(|| anyhow!("{e}"), |input| anyhow!("{}: {e}", input.display())))?;
+    .map_err(|e| {
+        inputs.first().map_or_else(|| anyhow!("{e}"), |input| anyhow!("{}: {e}", input.display()))
+    })?;
     body.save(&args.output)?;
 
     for note in &notes {
