@@ -509,8 +509,9 @@ impl Gradients {
         sums.map(|[a, b, c, d, e]| [a, b, c * 0.5, d * (1.0 / 3.0), e * 0.25])
     }
 
-    /// What ∇̄W of a node sums: of each test point t but the node's first, the gradient g (1/m) that W_t − W_first is taken times.
-    /// None where a node has its sum beforehand ([`Gradients::coupled_rows`]). For bounds; not for the step.
+    /// What ∇̄W of a node sums: of each test point t but the node's first, the gradient g (1/m) that W_t −
+    /// W_first is taken times. None where a node has its sum beforehand ([`Gradients::coupled_rows`]). For
+    /// bounds; not for the step.
     pub fn terms(&self, node: u32) -> impl Iterator<Item = (u32, DVec3)> + '_ {
         let NodeGradients { start, count, .. } =
             self.nodes.get(node as usize).copied().unwrap_or(NodeGradients::NONE);
@@ -519,8 +520,9 @@ impl Gradients {
         terms.iter().map(|term| (term.test_point, DVec3::from_array(term.gradient.map(f64::from))))
     }
 
-    /// ∇̄W of a node of a coupled body that has its sum beforehand: of each of the body's axes the quantities in an interval of the
-    /// depth, to be taken times the monomials of δ_t in the tangents of the node's first test point. For bounds; not for the step.
+    /// ∇̄W of a node of a coupled body that has its sum beforehand: of each of the body's axes the quantities
+    /// in an interval of the depth, to be taken times the monomials of δ_t in the tangents of the node's
+    /// first test point. For bounds; not for the step.
     pub fn coupled_rows(&self, node: u32, interval: usize) -> Option<[CoupledRow; 3]> {
         let node = self.nodes.get(node as usize).filter(|node| node.count == CURVES)?;
         let rows = self.coupled_rows.get(node.start as usize * self.columns + interval)?;

@@ -45,8 +45,8 @@ impl Flags {
     /// Slip waited, wholly or in part, since it would have given out more energy than the tank held: f_r may exceed the
     /// limit.
     pub const HELD_BACK: Self = Self(1 << 14);
-    /// f_z is below 0: the normal force pulls the tool in. Only a coupled law does that, far aside of where its stiffness falls with
-    /// depth, and until the contact point has slipped back.
+    /// f_z is below 0: the normal force pulls the tool in. Only a coupled law does that, far aside of where
+    /// its stiffness falls with depth, and until the contact point has slipped back.
     pub const PULLING: Self = Self(1 << 15);
 
     /// All of them, in the order of their bits, with their names.

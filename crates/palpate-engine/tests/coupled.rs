@@ -221,7 +221,8 @@ fn where_the_normal_force_vanishes_the_contact_goes_on() {
     }
 }
 
-/// Subdividing a plane changes nothing where the potentials are linear in the place, so that both meshes have the same.
+/// Subdividing a plane changes nothing where the potentials are linear in the place, so that both meshes have
+/// the same.
 #[test]
 fn a_finer_coupled_plane_is_the_same_plane() {
     let mut slid = 0;
@@ -270,8 +271,8 @@ fn scaled(potential: &Potential, factor: f64) -> Potential {
     }
 }
 
-/// Pressed straight in, a body that leans aside by more than its press pushes would pull the tool in once its contact point has
-/// gone where W is least: the step says so, and of one that pushes never.
+/// Pressed straight in, a body that leans aside by more than its press pushes would pull the tool in once its
+/// contact point has gone where W is least: the step says so, and of one that pushes never.
 #[test]
 fn a_normal_force_that_pulls_is_flagged() {
     for (lean, pulls) in [(2.0, true), (0.05, false)] {

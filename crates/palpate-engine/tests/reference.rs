@@ -127,7 +127,8 @@ fn the_fast_step_follows_the_slow_one() {
     judged.demand(2, 500);
 }
 
-/// The same on coupled bodies: few and short motions, since the slow step takes differences of their energies.
+/// The same on coupled bodies: few and short motions, since the slow step takes differences of their
+/// energies.
 #[test]
 fn the_fast_step_follows_the_slow_one_on_coupled_bodies() {
     let mut slid = 0;

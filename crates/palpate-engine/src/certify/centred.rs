@@ -1,5 +1,5 @@
-//! The mean-value form as a number: a quantity over a cell by its value in the middle and its derivatives in the cell, which bound it
-//! closer, the smaller the cell is, than operations on intervals alone.
+//! The mean-value form as a number: a quantity over a cell by its value in the middle and its derivatives in
+//! the cell, which bound it closer, the smaller the cell is, than operations on intervals alone.
 
 use super::interval::Interval;
 use palpate_body::Number;
@@ -15,8 +15,8 @@ pub(super) struct Centred {
     middle: f64,
     /// Over the cell.
     pub value: Interval,
-    /// By the place's coordinates, which begin with the cell's corners at (⅔, −⅓), (−⅓, ⅔) and (−⅓, −⅓), and by what else extends it,
-    /// each from −1 to 1.
+    /// By the place's coordinates, which begin with the cell's corners at (⅔, −⅓), (−⅓, ⅔) and (−⅓, −⅓), and
+    /// by what else extends it, each from −1 to 1.
     slopes: [Interval; EXTENTS],
 }
 

@@ -1,6 +1,6 @@
-//! Bodies with a coupled law over a cell: drive, forces and limit are read from [`palpate_body::law`] itself, over [`Centred`]
-//! numbers, which bound what they stand for; and S and L from dual numbers of these, with derivatives by the motions of contact
-//! point and tool.
+//! Bodies with a coupled law over a cell: drive, forces and limit are read from [`palpate_body::law`] itself,
+//! over [`Centred`] numbers, which bound what they stand for; and S and L from dual numbers of these, with
+//! derivatives by the motions of contact point and tool.
 
 use super::centred::Centred;
 use super::criteria::{BELOW, Criterion, lipschitz};
@@ -14,8 +14,8 @@ use palpate_body::law::{CoupledRow, QUANTITIES, Reach, at_depth, coupled, monomi
 use palpate_body::{Body, Dual, Number, SlipRule};
 use std::array::from_fn;
 
-/// P is asked of states from this share of the greatest depth on: all forces vanish with the depth, and no bound of their ratios is
-/// known there.
+/// P is asked of states from this share of the greatest depth on: all forces vanish with the depth, and no
+/// bound of their ratios is known there.
 pub const SHALLOWEST: f64 = 0.02;
 
 /// The coupled law of an element's nodes, in the element's basis.
@@ -103,7 +103,8 @@ impl<T: Copy> State<T> {
 }
 
 impl Coupled {
-    /// Of an element, with friction times `factor`; `axes` and `gradients` are the element's basis and ∇n in it.
+    /// Of an element, with friction times `factor`; `axes` and `gradients` are the element's basis and ∇n in
+    /// it.
     pub fn new(body: &Body, element: u32, rule: SlipRule, axes: [DVec3; 3], factor: f64) -> Self {
         let (nodes, numbers) = (body.element_nodes(element), body.element_node_numbers(element));
         let (potentials, knots) = (body.potentials(), body.responses().depth_knots().values());
@@ -218,7 +219,8 @@ struct Place<'a> {
     law: &'a Coupled,
     view: &'a View,
     interval: usize,
-    /// The depth in the middle of the cell, m: rows are expanded there, so that intervals of the depth stay narrow.
+    /// The depth in the middle of the cell, m: rows are expanded there, so that intervals of the depth stay
+    /// narrow.
     middle: f64,
     /// The azimuth about z.
     turn: DMat3,
@@ -253,7 +255,8 @@ impl<'a> Place<'a> {
         (sum, sum.map(|x| x * per_length), per_length)
     }
 
-    /// The same while the contact point moves along x and y, and then, for `M` = 5, the tool along x, y and z.
+    /// The same while the contact point moves along x and y, and then, for `M` = 5, the tool along x, y and
+    /// z.
     fn moving<T: Number, const M: usize>(&self, s: &Situation<T>) -> Situation<Dual<T, M>> {
         let zero = T::constant(0.0);
         let n: [Dual<T, M>; 3] = from_fn(|l| {
@@ -504,8 +507,8 @@ pub(super) fn bound(
     each.fold(f64::INFINITY, f64::min)
 }
 
-/// The least g·t/(|d| + f_z⁺), t along P d or up to `aside` off it. With f = |d| + f_z⁺ and the share s = |d|/f that is
-/// s |P d|/|d| + (1 − s) û·t, whatever the forces' size, and what else g misses.
+/// The least g·t/(|d| + f_z⁺), t along P d or up to `aside` off it. With f = |d| + f_z⁺ and the share s =
+/// |d|/f that is s |P d|/|d| + (1 − s) û·t, whatever the forces' size, and what else g misses.
 fn passive(patch: &ElementStates, slip: &Slip) -> f64 {
     let Slip { state, size, least, .. } = slip;
     let [x, y, _] = state.drive;

@@ -185,7 +185,8 @@ impl Number for Interval {
         Interval { lo: self.lo.is_above(x), hi: self.hi.is_above(x) }
     }
 
-    /// The weights' sum is 1 though each has a range: what is left of it goes to the least values first, and to the greatest.
+    /// The weights' sum is 1 though each has a range: what is left of it goes to the least values first, and
+    /// to the greatest.
     fn blend(n: [Self; 3], x: [Self; 3]) -> Self {
         let lowest = |x: [f64; 3]| {
             let (mut left, mut sum) = (1.0, 0.0);

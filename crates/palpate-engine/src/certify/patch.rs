@@ -227,7 +227,8 @@ impl ElementStates {
         patch
     }
 
-    /// Of which S was proved with this bound of η, N/m: L and the pace have bounds then wherever cells of their own give none.
+    /// Of which S was proved with this bound of η, N/m: L and the pace have bounds then wherever cells of
+    /// their own give none.
     pub fn snap_free(self, proved: f64) -> Self {
         ElementStates { least_eta: proved.max(0.0), ..self }
     }

@@ -21,8 +21,9 @@ pub(super) struct Rate {
     pub limit: Interval,
 }
 
-/// What slip does to the drive and the force, from their rates while c moves along x and y of the element and, if asked for, the tool
-/// along x, y and z: along t, P v's direction, v = d/|d| the drive's. `own` drives lie in the element, others at right angles to û;
+/// What slip does to the drive and the force, from their rates while c moves along x and y of the element
+/// and, if asked for, the tool along x, y and z: along t, P v's direction, v = d/|d| the drive's. `own`
+/// drives lie in the element, others at right angles to û;
 /// `ways` are what t can be.
 pub(super) fn slope(
     along: &[Rate; 2],

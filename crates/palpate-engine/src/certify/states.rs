@@ -67,8 +67,8 @@ fn can_rest(size: Interval, noise: f64, friction: Interval, share: Interval) -> 
     size.lo * BELOW - noise <= friction.hi * (1.0 - share.lo)
 }
 
-/// All states that a state of the cell can have been a step before; none where that is any. `lean` is û's least part along the
-/// element's normal.
+/// All states that a state of the cell can have been a step before; none where that is any. `lean` is û's
+/// least part along the element's normal.
 pub(super) fn before(patch: &ElementStates, cell: &Cell, view: &View, lean: f64) -> Option<Cell> {
     let [least, greatest] = patch.stretch().map(f64::sqrt);
     let way = patch.step_m * greatest;

@@ -158,7 +158,8 @@ fn drives<L: ForceLaw, R: Rule>(bodies: &[Body], slip: SlipRule) {
             assert!(got < most + rounding && (!one_way || (got - least).abs() < rounding), "{got} {least}");
             assert!(got < aside + rounding, "case {case}: {got} {aside}");
         }
-        // η, and the rate of the force, by differences; in single precision. At knots a coupled law's stiffness jumps.
+        // η, and the rate of the force, by differences; in single precision. At knots a coupled law's
+        // stiffness jumps.
         let h = 5e-6;
         let knots = body.responses().depth_knots().values();
         if L::COUPLED && knots.iter().any(|k| (depth - k).abs() < 2.0 * h) {
