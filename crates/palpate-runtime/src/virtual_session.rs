@@ -90,7 +90,7 @@ pub struct LimitCycle {
     pub growth: f64,
 }
 
-/// MODEL 5: the loop is passive where b ≥ K T/2 + K D, as long as nothing slips ([`damping_needed`]).
+/// MODEL 5: the loop is passive where b ≥ K T/2 + K D, as long as nothing slips ([`damping_needed`](crate::sampled_data::damping_needed)).
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct SampledData {
     /// K_max down to the greatest depth of the run, N/m.

@@ -182,9 +182,10 @@ fn another_body_comes_through_silence() {
 #[test]
 fn a_recording_keeps_to_its_body_and_to_its_bits() {
     let folder = tempfile::tempdir().unwrap();
-    let record = Some(folder.path().join("a.rec"));
+    let path = folder.path().join("a.rec");
+    let record = Some(path.clone());
     let body = plane(2000.0, 2000.0, 0.3);
-    let (mut session, _) = started(body.clone(), true, SessionConfig { record: record.clone(), ..config() });
+    let (mut session, _) = started(body.clone(), true, SessionConfig { record, ..config() });
     when(&session, is_steady);
     assert_eq!(session.change_body(plane(600.0, 500.0, 0.3)), Err(ControlError::Recorded));
     session.controls().set_friction_scale(0.4).unwrap();
@@ -194,7 +195,7 @@ fn a_recording_keeps_to_its_body_and_to_its_bits() {
     when(&session, |r| r.number > exact.number + 300);
     session.stopper().stop("done");
     session.join();
-    let recording = palpate_runtime::Recording::open(&record.unwrap()).unwrap();
+    let recording = palpate_runtime::Recording::open(&path).unwrap();
     let contact = palpate_engine::Contact::with_slip(&body, body.slip(), palpate_engine::Ablation::None);
     let mut again = palpate_runtime::Retrace::new(&body, contact);
     let (mut judged, mut slips) = (0, 0);

@@ -42,7 +42,7 @@ pub fn body() -> Result<Body> {
         ..Provenance::default()
     };
     // The paper had no tank.
-    Ok(Body::new(BodyParts { provenance, ..parts(surface()?, response, SlipRule::Paper)? })?)
+    Body::new(BodyParts { provenance, ..parts(surface()?, response, SlipRule::Paper)? })
 }
 
 /// A body on this surface whose every node is a test point with the response of its place, touched with a point.
