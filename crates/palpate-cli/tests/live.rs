@@ -56,7 +56,8 @@ impl TestDirectory {
     /// A loop with a simulated device; the last line for each device.
     fn live(&self, args: &str) -> Vec<Value> {
         let devices = args.matches("--device").count();
-        told(&self.done(&format!("run block.body --intent intent.toml {CALM} --json {args}")), devices)
+        let intent = if args.contains("simulated") { "--intent intent.toml" } else { "" };
+        told(&self.done(&format!("run block.body {intent} {CALM} --json {args}")), devices)
     }
 
     fn start(&self, args: &str) -> Child {
@@ -86,8 +87,10 @@ fn told(output: &Output, devices: usize) -> Vec<Value> {
     let text = String::from_utf8(output.stdout.clone()).unwrap();
     let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let (live, last) = lines.split_at(lines.len() - devices);
-    assert!(live.iter().all(|line| line["end"].is_null() && line["periods"].is_u64()), "{text}");
-    assert!(last.iter().all(|line| line["end"].is_string()), "{text}");
+    let is_told =
+        |line: &Value| line["end"].is_null() && (line["periods"].is_u64() || line["force_n"].is_array());
+    assert!(live.iter().all(is_told), "{text}");
+    assert!(last.iter().all(|line| line["end"].is_string() && line["end_kind"].is_string()), "{text}");
     last.to_vec()
 }
 
@@ -601,6 +604,144 @@ fn what_could_not_be_had_is_told_first_or_an_error() {
     // A body that is as stiff as no Touch is, by the longer way that it is seen on.
     let output = directory.run(&format!("{run} --priority 0 --scale 10"));
     assert!(said(&output).contains("(with a scale of 10); the device holds 400 N/m"), "{}", said(&output));
+}
+
+/// An option that would do nothing is an error, and says why.
+#[test]
+fn options_that_do_not_apply_are_refused() {
+    let directory = directory();
+    for (args, words) in [
+        ("--device haply --intent press", ["--intent", "simulated device"]),
+        ("--device dhd --hand arm", ["--hand", "simulated device"]),
+        ("--device simulated:omega --preset touch", ["--preset", "without a name"]),
+        ("--device simulated --device-url ws://127.0.0.1:1", ["--device-url", "haply"]),
+        ("--device dhd --haply-force-key values", ["--haply-force-key", "haply"]),
+        ("--device simulated --device-library a.so", ["--device-library", "dhd"]),
+        ("--device haply --without-device-watchdog", ["--without-device-watchdog", "dhd"]),
+        ("--device simulated --virtual-time --priority 50", ["--priority", "virtual time"]),
+        ("--device simulated --virtual-time --late-ms 5", ["--late-ms", "virtual time"]),
+        ("--device simulated --virtual-time --strict", ["--strict", "virtual time"]),
+        ("--device simulated --virtual-time --body-in file", ["--body-in", "virtual time"]),
+        ("--device simulated --virtual-time --json --stream-hz 5", ["--stream-hz", "virtual time"]),
+    ] {
+        directory.refused(&format!("run block.body --seconds 5 {args}"), 1, &words);
+    }
+    directory.refused("run block.body --device simulated --stream-hz 5", 2, &["--json"]);
+    directory.refused("run block.body", 2, &["--device"]);
+}
+
+/// The file says what the options would; an option goes before it; what it can't mean is refused with its line.
+#[test]
+fn settings_come_from_a_file_and_options_go_before_it() {
+    let directory = directory();
+    let file = "device = \"simulated:omega\"\nmotion = \"intent.toml\"\nseconds = 0.4\nrecord = \"a.rec\"\n\
+                [safety]\nforce_max_n = 0.7\nsoft_start_s = 0.05\nsilence_s = 1.0\n[patience]\nlate_s = 10\npose_s = 10\n\
+                [real_time]\nlock_memory = false\n";
+    directory.write("run.toml", file);
+    let output = directory.done("run block.body --config run.toml --priority 0 --json --stream-hz 100");
+    let last = &told(&output, 1)[0];
+    assert_eq!((&last["device"], &last["end_kind"]), (&"Force Dimension omega".into(), &"done".into()));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let states: Vec<Value> = text
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .filter(|line: &Value| line["position_m"].is_array())
+        .collect();
+    assert!(states.len() > 5 && states.iter().all(|s| s["time_s"].is_f64()), "{text}");
+    let (records, _) = directory.records("a.rec");
+    let most = records.iter().map(|r| DVec3::from_array(r.command_force_n).length()).fold(0.0, f64::max);
+    assert!(most > 0.5 && most < 0.7001, "{most}");
+    let again =
+        "run block.body --config run.toml --priority 0 --json --force-max-n 0.2 --record b.rec --seconds 0.3";
+    assert_eq!(told(&directory.done(again), 1)[0]["end_kind"], "done");
+    let (records, _) = directory.records("b.rec");
+    let most = records.iter().map(|r| DVec3::from_array(r.command_force_n).length()).fold(0.0, f64::max);
+    assert!(most > 0.1 && most < 0.2001 && records.len() < 310, "{most}");
+
+    for (text, words) in [
+        ("rate = 1000\n", ["wrong.toml:1", "rate"]),
+        ("[safety]\nforce_max = 1\n", ["wrong.toml", "force_max"]),
+        ("device = \"pencil\"\n", ["wrong.toml:1", "replay:FILE"]),
+        ("rate_hz = 1\n", ["rate_hz", "from 10"]),
+        ("\n[real_time]\npriority = \"high\"\n", ["wrong.toml:3", "high"]),
+        ("clock = \"virtual\"\ndevice = \"haply\"\n", ["--virtual-time", "simulated"]),
+    ] {
+        directory.write("wrong.toml", text);
+        directory.refused("run block.body --config wrong.toml", 1, &words);
+    }
+    directory.refused("run block.body --config none.toml", 1, &["none.toml"]);
+}
+
+/// A loop that fails on its way has an exit status of its own.
+#[test]
+fn a_watchdog_that_trips_is_told_from_a_wrong_option() {
+    let directory = directory();
+    let output = directory.run(
+        "run block.body --device simulated --intent intent.toml --priority 0 --seconds 5 --stale-ms 10000 \
+         --late-ms 1 --spin-us 0 --rate-hz 20000 --json",
+    );
+    // No machine keeps a millisecond for five seconds at 20 kHz without rights; one that does has nothing to tell.
+    let last = &told(&output, 1)[0];
+    if last["end_kind"] == "late" {
+        assert_eq!(output.status.code(), Some(4), "{}", said(&output));
+    } else {
+        assert_eq!((&last["end_kind"], output.status.code()), (&"done".into(), Some(0)));
+    }
+}
+
+#[test]
+fn what_is_attached_is_told_with_what_nobody_verified() {
+    let directory = directory();
+    let library = stand_in::Built::new("dhd");
+    let nobody = "--device-url ws://127.0.0.1:1";
+    let devices = |more: &str| -> Value {
+        let mut command = directory.command(&format!("devices --json {nobody} {more}"));
+        let output = command.env("STAND_IN_LOG", "calls").output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let none = devices("");
+    assert_eq!(none["devices"].as_array().unwrap().len(), 0, "{none}");
+    let unreached: Vec<&str> =
+        none["unreached"].as_array().unwrap().iter().filter_map(|u| u["device"].as_str()).collect();
+    assert_eq!(unreached, ["dhd:0", "openhaptics", "haply"]);
+    assert!(none["unreached"][2]["reason"].as_str().unwrap().contains("Inverse Service"), "{none}");
+    let one = devices(&format!("--device-library {}", library.file().display()));
+    let found = &one["devices"][0];
+    assert_eq!((&found["device"], &found["name"]), (&"dhd:0".into(), &"omega.3".into()), "{one}");
+    assert!(found["max_force_n"].as_f64().unwrap() <= 3.0);
+    let unverified = found["unverified"].as_array().unwrap();
+    assert!(unverified.iter().any(|u| u["figure"] == "mass_kg" && u["because"].is_string()), "{one}");
+    // Opened and closed, and no force but zero.
+    let calls = fs::read_to_string(directory.path("calls")).unwrap();
+    let last = calls.lines().last().unwrap_or_default();
+    assert!(calls.contains("open(0)") && last.starts_with("close("), "{calls}");
+    for call in calls.lines().filter(|call| call.starts_with("force(")) {
+        assert!(call.starts_with("force(0, 0, 0") || call.starts_with("force(-0, -0, -0"), "{call}");
+    }
+    assert!(
+        String::from_utf8(directory.done(&format!("devices {nobody}")).stdout)
+            .unwrap()
+            .contains("no device answers")
+    );
+}
+
+#[test]
+fn shells_and_manuals_know_every_command() {
+    let directory = directory();
+    for shell in ["bash", "fish", "zsh"] {
+        let script = String::from_utf8(directory.done(&format!("completions {shell}")).stdout).unwrap();
+        assert!(script.contains("precompute") && script.contains("friction-scale"), "{shell}");
+    }
+    directory.done("man -o man1");
+    for name in ["palpate", "palpate-run", "palpate-devices", "palpate-fit"] {
+        let page = fs::read_to_string(directory.path(&format!("man1/{name}.1"))).unwrap();
+        assert!(page.starts_with(".ie") || page.contains(".TH"), "{name}: {page}");
+    }
+    let page = fs::read_to_string(directory.path("man1/palpate-run.1")).unwrap();
+    assert!(page.contains("Examples") && page.contains("force"), "{page}");
+    directory.refused("man -o block.body", 1, &["block.body"]);
+    directory.refused("completions tcsh", 2, &["tcsh"]);
 }
 
 #[test]

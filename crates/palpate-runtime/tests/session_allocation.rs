@@ -8,13 +8,13 @@ mod common;
 use common::{shape, with_field};
 use glam::DVec3;
 use palpate_body::shape::Shape;
-use palpate_body::{BodySource, StoredBody};
+use palpate_body::{BodySource, SlipRule, StoredBody};
 use palpate_device::simulated::{Move, Script};
 use palpate_device::{Capabilities, Command, Device, Fault, OpenError, Sample, Simulated, presets};
 use palpate_engine::{Ablation, Contact};
 use palpate_runtime::{
-    End, HapticLoop, Header, Opened, Patience, RealTime, RecorderThread, RecordingFile, Safety, Session,
-    Settings, WorkspaceMap, ring,
+    End, HapticLoop, Header, Opened, Patience, PreparedSession, RealTime, RecorderThread, RecordingFile,
+    Safety, Session, SessionConfig, Settings, WorkspaceMap, WorkspaceSettings, ring,
 };
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -25,6 +25,8 @@ thread_local! {
     static WATCHED: Cell<bool> = const { Cell::new(false) };
 }
 static COUNTED: AtomicU64 = AtomicU64::new(0);
+/// One loop is counted at a time.
+static ALONE: std::sync::Mutex<()> = std::sync::Mutex::new(());
 
 struct Counting;
 
@@ -87,6 +89,7 @@ impl Device for Watching {
 
 #[test]
 fn the_haptic_thread_of_a_session_allocates_and_frees_nothing() {
+    let _alone = ALONE.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     let mesh = shape(Shape::Sphere { radius_mm: 30.0 }, 0.7);
     let body = with_field(&mesh, 600.0, 500.0, 0.1, &|p| 1.0 + 0.3 * libm::sin(p.x * 90.0));
     let folder = tempfile::tempdir().unwrap();
@@ -127,5 +130,93 @@ fn the_haptic_thread_of_a_session_allocates_and_frees_nothing() {
         assert!(finished.trouble.is_none() && finished.summary.periods_in_contact > 300);
         // An allocation and its end.
         assert_eq!(COUNTED.load(Ordering::Relaxed), slip_at.map_or(0, |_| 2), "{slip_at:?}");
+    }
+}
+
+/// Read a thousand times a second, and its inbox filled as often: limits, friction, slip rule, pauses, another body.
+#[test]
+fn an_observer_and_a_full_inbox_make_it_allocate_nothing_either() {
+    let _alone = ALONE.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let mesh = shape(Shape::Sphere { radius_mm: 30.0 }, 0.7);
+    let body = with_field(&mesh, 600.0, 500.0, 0.1, &|p| 1.0 + 0.3 * libm::sin(p.x * 90.0));
+    COUNTED.store(0, Ordering::Relaxed);
+    let moves = [
+        Move::Press { depth_m: 5e-3, seconds: 0.1 },
+        Move::Circle { radius_m: 5e-3, turns: 2.0, seconds: 1.4 },
+    ];
+    let script = Script::new(DVec3::Z * 0.03, 1e-3, -DVec3::Z, DVec3::X, &moves).unwrap();
+    let (hand, _) = presets::hand("fingers").unwrap();
+    let device = Simulated::new(presets::device("touch").unwrap(), hand, Box::new(script));
+    let device = Box::new(Watching { device, until_s: 1.4, reads: 0, slip_at: None });
+    let config = SessionConfig {
+        seconds: Some(1.5),
+        patch_elements: 200,
+        safety: Safety { soft_start_s: 0.01, silence_s: Some(5.0), ..Safety::default() },
+        workspace: WorkspaceSettings { offset_m: Some([0.0; 3]), ..WorkspaceSettings::default() },
+        real_time: RealTime { priority: None, core: None, lock_memory: false, spin_s: 0.0 },
+        patience: Patience { late_s: 5.0, finder_s: 5.0, pose_s: 5.0, ..Patience::default() },
+        ..SessionConfig::default()
+    };
+    let prepared = PreparedSession::with_device(body.clone().into(), device, config, None).unwrap();
+    let mut session = prepared.start().unwrap();
+    let (mut read, mut taken) = (0, 0);
+    for turn in 0u32.. {
+        if session.is_over() {
+            break;
+        }
+        read += u32::from(session.latest().is_some());
+        let controls = session.controls();
+        let sent = match turn % 5 {
+            0 => controls.set_force_limit(1.0 + f64::from(turn % 3), None),
+            1 => controls.set_friction_scale(f64::from(turn % 4) * 0.5),
+            2 => session.set_slip_rule(SlipRule::Exact),
+            3 => controls.pause(),
+            _ => controls.resume(),
+        };
+        taken += u32::from(sent.is_ok());
+        if turn % 400 == 399 {
+            let _ = session.change_body(body.clone());
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    let outcome = session.join();
+    assert_eq!(outcome.report.end, End::Done);
+    assert!(read > 100 && taken > 50, "{read} {taken}");
+    assert!(outcome.finished.summary.stages["changing"] > 50, "{:?}", outcome.finished.summary.stages);
+    assert_eq!(COUNTED.load(Ordering::Relaxed), 0);
+}
+
+/// What an observer and an inbox, both at 1 kHz, do to a loop's times: percentiles of alternating runs, for a quiet machine.
+/// `cargo test --release -p palpate-runtime --test session_allocation -- --ignored --nocapture`
+#[test]
+#[ignore = "a minute, and its figures need a quiet machine"]
+fn times_with_and_without_an_observer() {
+    let _alone = ALONE.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let body = with_field(&shape(Shape::Sphere { radius_mm: 30.0 }, 0.7), 600.0, 500.0, 0.1, &|_| 1.0);
+    eprintln!("| run | observed | step p50 | p99 | p99.9 (µs) | lateness p50 | p99 | p99.9 (µs) |");
+    for run in 0..12 {
+        let observed = run % 2 == 1;
+        let config = SessionConfig {
+            device: "simulated:touch".parse().unwrap(),
+            motion: "circle".into(),
+            seconds: Some(5.0),
+            safety: Safety { silence_s: Some(5.0), ..Safety::default() },
+            ..SessionConfig::default()
+        };
+        let session = palpate_runtime::LiveSession::start(body.clone(), config).unwrap();
+        let mut turn = 0u32;
+        while !session.is_over() {
+            if observed {
+                std::hint::black_box(session.latest());
+                let _ = session.controls().set_friction_scale(1.0);
+                turn += 1;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        let summary = session.join().finished.summary;
+        let us = |ns: u64| format!("{:.1}", ns as f64 * 1e-3);
+        let (s, l) = (&summary.step_ns, &summary.lateness_ns);
+        let figures = [s.p50, s.p99, s.p99_9, l.p50, l.p99, l.p99_9].map(us).join(" | ");
+        eprintln!("| {run} | {} | {figures} |", if observed { format!("{turn} times") } else { "no".into() });
     }
 }

@@ -109,7 +109,11 @@ pub(super) fn configs(args: &Args) -> Result<Vec<SessionConfig>> {
     };
     common(args, &mut config)?;
     live(args, &mut config)?;
-    applies(args, &devices, config.clock == ClockChoice::Virtual)?;
+    let is_virtual = config.clock == ClockChoice::Virtual;
+    if is_virtual && (!matches!(devices[..], [DeviceChoice::Simulated(_)]) || args.record.len() > 1) {
+        bail!("--virtual-time: give one simulated device, and at most one file to record");
+    }
+    applies(args, &devices, is_virtual)?;
     if devices.len() > 1 && config.record.is_some() && args.record.is_empty() {
         bail!(
             "record: the file names one recording, and there are several devices; give as many --record as devices"
