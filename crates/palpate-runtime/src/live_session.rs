@@ -289,6 +289,13 @@ fn contact(model: &ContactModel, config: &SessionConfig) -> (Contact, SlipRule) 
     (contact, rule)
 }
 
+/// Prepares a body that is not too large for every slip rule, so that a session can go over to it: patches take along what is there
+/// when they are made. Whether they have what `consistent` reads.
+fn serves_any_rule(body: &dyn BodySource, rule: Option<SlipRule>) -> bool {
+    let chosen = rule.unwrap_or(body.model_header().slip()) == SlipRule::Consistent;
+    (chosen || body.element_count() < STORED_FROM) && body.serves(SlipRule::Consistent).is_ok()
+}
+
 fn coupling(config: &SessionConfig, body: &dyn BodySource) -> palpate_body::Result<Option<Coupling>> {
     let Some(k) = config.coupling_n_per_m else { return Ok(None) };
     let coupling = Coupling::new(k, stiffest(body)?);
@@ -389,6 +396,7 @@ pub struct PreparedSession {
     body: SessionBody,
     config: SessionConfig,
     advice: Option<String>,
+    has_gradients: bool,
     memory: Option<MemoryLock>,
 }
 
@@ -401,6 +409,8 @@ pub struct LiveSession {
     controls: Controls,
     body: SessionBody,
     config: SessionConfig,
+    /// Whether patches have what the rule `consistent` reads.
+    has_gradients: bool,
     _memory: Option<MemoryLock>,
 }
 
@@ -502,7 +512,17 @@ impl PreparedSession {
         let file = file.map(|path| RecordingFile::create(path, false, &header)).transpose()?;
         let recorder_thread = RecorderThread::start_with(records, file, config.rate_hz, config.history)
             .map_err(StartError::from)?;
-        Ok(PreparedSession { session, recorder_thread, capabilities, controls, body, config, advice, memory })
+        Ok(PreparedSession {
+            session,
+            recorder_thread,
+            capabilities,
+            controls,
+            body,
+            config,
+            advice,
+            has_gradients,
+            memory,
+        })
     }
 
     /// What could not be had, a line each: known before the first force.
@@ -531,10 +551,26 @@ impl PreparedSession {
     /// The system gives no thread. The device is closed then.
     pub fn start(self) -> Result<LiveSession, SessionError> {
         let PreparedSession {
-            session, recorder_thread, capabilities, controls, body, config, memory, ..
+            session,
+            recorder_thread,
+            capabilities,
+            controls,
+            body,
+            config,
+            has_gradients,
+            memory,
+            ..
         } = self;
-        let session = session.start()?;
-        Ok(LiveSession { session, recorder_thread, capabilities, controls, body, config, _memory: memory })
+        Ok(LiveSession {
+            session: session.start()?,
+            recorder_thread,
+            capabilities,
+            controls,
+            body,
+            config,
+            has_gradients,
+            _memory: memory,
+        })
     }
 }
 
@@ -581,9 +617,13 @@ impl LiveSession {
     /// Goes over to another slip rule, through silence and the soft start.
     ///
     /// # Errors
-    /// The body does not serve the rule; as [`Controls::pause`].
+    /// A body that began without what `consistent` reads: one of more than a million triangles, with another rule. As
+    /// [`Controls::pause`].
     pub fn set_slip_rule(&self, rule: SlipRule) -> Result<(), ControlError> {
-        self.body.source.serves(rule).map_err(|e| ControlError::Body(e.to_string()))?;
+        if rule == SlipRule::Consistent && !self.has_gradients {
+            let words = "the body is too large to be prepared for `consistent` beside; start with that rule, and go over";
+            return Err(ControlError::Body(words.into()));
+        }
         self.controls.send(Change::Slip(rule))
     }
 
@@ -603,6 +643,7 @@ impl LiveSession {
         let header = body.source.model_header();
         let (contact, rule) = contact(header, config);
         body.source.serves(rule).map_err(refused)?;
+        let has_gradients = serves_any_rule(&*body.source, config.slip);
         let place = self.latest().map_or([0.0; 3], |record| record.tool_position_m);
         let place = if place.iter().all(|x| x.is_finite()) { place } else { [0.0; 3] };
         let (patch_holder, finder) =
@@ -616,7 +657,7 @@ impl LiveSession {
             return Err(refused);
         }
         self.session.retire(follower);
-        self.body = body;
+        (self.body, self.has_gradients) = (body, has_gradients);
         Ok(())
     }
 

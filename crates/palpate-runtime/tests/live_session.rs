@@ -154,11 +154,12 @@ fn a_program_reads_steers_and_ends_its_session() {
     assert!(session.summary().periods_in_contact > 100);
     session.stopper().stop("the program has seen enough");
     let Outcome { report, .. } = session.join();
+    assert_eq!(report.haptics.as_ref().map(|h| h.contact().counters().without_gradients), Some(0));
     assert_eq!(report.end, End::Asked("the program has seen enough"));
     let commands = commands.lock().unwrap();
     assert_eq!(commands.last(), Some(&0.0));
-    // Two limits, a pause, the friction, the rule.
-    assert_eq!(rises_softly(&commands), 5, "a silence for each change");
+    // Two limits, a pause, the friction, two rules.
+    assert_eq!(rises_softly(&commands), 6, "a silence for each change");
     assert_eq!(controls.pause(), Err(ControlError::Over));
 }
 
