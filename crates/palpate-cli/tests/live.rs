@@ -4,6 +4,8 @@
 //! No times are judged: the machine may be busy with something else, and give no rights.
 
 mod common;
+#[path = "../../palpate-device/tests/stand_in/mod.rs"]
+mod stand_in;
 
 use common::{TestDirectory, said, spec};
 use glam::DVec3;
@@ -545,6 +547,42 @@ fn what_is_not_installed_is_said_with_what_to_do() {
         1,
         &["127.0.0.1:1", "Inverse Service", "start it"],
     );
+}
+
+/// The limit reaches the vendor's library, the gentle one where none is given; a watchdog that is refused ends it before the
+/// first force, or is told where it is done without.
+#[test]
+fn the_limit_and_the_watchdog_reach_the_vendors_library() {
+    let directory = directory();
+    let library = stand_in::Built::new("dhd");
+    let run = format!(
+        "run block.body --priority 0 --device dhd --device-library {} --seconds 0.1 --late-ms 10000",
+        library.file().display()
+    );
+    let run = |more: &str, watchdog: &str| {
+        let _ = fs::remove_file(directory.path("calls"));
+        let mut command = directory.command(&format!("{run} {more}"));
+        command.env("STAND_IN_LOG", "calls").env("STAND_IN_watchdog", watchdog);
+        let output = command.output().unwrap();
+        let calls = fs::read_to_string(directory.path("calls")).unwrap();
+        (output.status.code(), said(&output), calls)
+    };
+    for (more, limit) in [("", "max_force(3, 5)"), ("--force-max-n 0.5", "max_force(0.5, 5)")] {
+        let (code, said, calls) = run(more, "0");
+        assert_eq!(code, Some(0), "{said}");
+        let order = ["open(0)", "expert()", "watchdog(160, 5)", limit, "enable(1, 5)", "close(5)"];
+        let places = order.map(|call| calls.lines().position(|c| c == call).expect(call));
+        assert!(places.is_sorted(), "{calls}");
+    }
+    let (code, said, calls) = run("", "-1");
+    assert!(code == Some(1) && said.contains("--without-device-watchdog"), "{said}");
+    assert!(!calls.contains("enable(1"), "{calls}");
+    let (code, said, calls) = run("--without-device-watchdog", "-1");
+    assert!(code == Some(0) && said.contains("nothing takes the force off"), "{said}");
+    assert!(calls.contains("enable(1, 5)"));
+    let (code, said, calls) = run("--without-device-watchdog --strict", "-1");
+    assert!(code == Some(1) && said.contains("--strict: omega.3: its watchdog can't be armed"), "{said}");
+    assert!(!calls.contains("enable(1"), "{calls}");
 }
 
 /// What the system refuses ends it where that is asked for, before anything is rendered; else it is told before it begins. Both

@@ -401,10 +401,12 @@ impl Port {
         }
         match self.shared.calls.forces(self.shared.id) {
             Some(Forces { on: false, cause }) => {
-                // Older libraries don't say what it was.
-                let by_watchdog =
-                    cause == CAUSE_WATCHDOG || (cause == UNTOLD && silent_s > 0.9 * self.watchdog_s);
-                self.off = Some(self.off.unwrap_or(false) || by_watchdog);
+                self.off = Some(match cause {
+                    CAUSE_WATCHDOG => true,
+                    // Of an older library the silence tells, once.
+                    UNTOLD => self.off.unwrap_or(silent_s > 0.9 * self.watchdog_s),
+                    _ => false,
+                });
                 self.latch.close();
             }
             Some(Forces { on: true, .. }) => self.off = None,
@@ -431,8 +433,10 @@ impl Port {
             // Whether it did is looked at in the next read.
             (self.enabled, self.reads) = (true, 0);
         }
-        let [force, torque] = [[fx, fy, fz], [tx, ty, tz]]
-            .map(|v| if is_stopped { [0.0; 3] } else { Axes::X_TOWARDS.theirs(v) });
+        // While forces are off a hand may switch them on at any time.
+        let silent = is_stopped || self.off.is_some();
+        let [force, torque] =
+            [[fx, fy, fz], [tx, ty, tz]].map(|v| if silent { [0.0; 3] } else { Axes::X_TOWARDS.theirs(v) });
         let answer = self.check(calls.set_all(force, torque, *id))?;
         self.status.saturated = cut || answer == MOTOR_SATURATED;
         Ok(())

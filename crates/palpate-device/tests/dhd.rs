@@ -410,9 +410,21 @@ fn forces_switched_off_by_hand_are_not_switched_on_by_the_driver() {
         assert_eq!(period(&library, &mut device, 0.0, 0.0), (true, 0.0));
     }
     assert!(!library.take_log().iter().any(|call| call.starts_with("enable")));
+    // Switched on between two reads it has no force either, whatever was wanted meanwhile.
+    device.write(&push([0.0, 0.0, 2.0])).unwrap();
     library.set("forces_on", 1.0);
+    assert_eq!(library.rendered()[2], 0.0);
     assert_eq!(period(&library, &mut device, 0.0, 0.0), (false, 0.0));
     assert_eq!(period(&library, &mut device, 0.0, 0.1), (false, 0.1));
+
+    // The watchdog was first, and then somebody's hand.
+    assert_eq!(period(&library, &mut device, 0.1, 2.0), (true, 0.0));
+    library.set("cause", 1.0);
+    library.take_log();
+    for k in 0..5 {
+        assert_eq!(period(&library, &mut device, 0.101 + f64::from(k) * 1e-3, 0.0), (true, 0.0));
+    }
+    assert!(!library.take_log().iter().any(|call| call.starts_with("enable")));
 }
 
 /// From the loop's thread, as a panic's hook calls it, at once; from another with the next write. What is written afterwards

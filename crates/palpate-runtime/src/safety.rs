@@ -38,7 +38,7 @@ pub struct Safety {
 }
 
 /// The largest force where none is given, N: below the largest of every device in the table, and what fingers that hold a pen
-/// lightly resist. A maker's largest force (20 N and more) throws a handle of 0.2 kg that nobody holds firmly.
+/// lightly resist. A maker's largest force (12 to 20 N) throws a handle of 0.2 kg that nobody holds firmly.
 pub const GENTLE_N: f64 = 3.0;
 /// The largest torque where none is given, N·m: [`GENTLE_N`] at a lever of 3 cm, that of fingers on a pen.
 pub const GENTLE_NM: f64 = 0.1;

@@ -306,6 +306,8 @@ struct Haptic {
 
 /// How the periods ended, as plain data.
 enum Stop {
+    /// It never began.
+    Unstarted,
     Done,
     Asked,
     FinderDead,
@@ -320,13 +322,15 @@ impl Haptic {
         let clock = Clock::start();
         let mut device = Timed::new(device.into_inner(), move || clock.now());
         let mut tally = Tally::default();
-        let ended = match goes {
-            true => catch_unwind(AssertUnwindSafe(|| self.periods(&mut device, clock, &mut tally))),
-            false => Ok(Stop::Asked),
-        };
+        let ended = catch_unwind(AssertUnwindSafe(|| match goes {
+            true => self.periods(&mut device, clock, &mut tally),
+            false => Stop::Unstarted,
+        }));
         let faults = PageFaults::of_this_thread().unwrap_or_default().since(tally.faults.unwrap_or_default());
-        let ended = ended.and_then(|stop| {
-            catch_unwind(AssertUnwindSafe(|| self.fade(&mut device, clock, &mut tally))).map(|()| stop)
+        let ended = ended.and_then(|stop| match stop {
+            // Nothing was rendered: not even zero is.
+            Stop::Unstarted => Ok(stop),
+            _ => catch_unwind(AssertUnwindSafe(|| self.fade(&mut device, clock, &mut tally))).map(|()| stop),
         });
         if ended.is_err() {
             // Nothing that panicked is asked again: straight to zero.
@@ -337,7 +341,9 @@ impl Haptic {
         let well = ended.is_ok();
         let end = match ended {
             Ok(Stop::Done) => End::Done,
-            Ok(Stop::Asked) => End::Asked(self.shared.by.get().copied().unwrap_or("it was stopped")),
+            Ok(Stop::Asked | Stop::Unstarted) => {
+                End::Asked(self.shared.by.get().copied().unwrap_or("it was stopped"))
+            }
             Ok(Stop::FinderDead) => {
                 self.shared.finder_words.get().map_or(End::FinderDead, |words| End::Body(words.clone()))
             }

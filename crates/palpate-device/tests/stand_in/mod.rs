@@ -1,5 +1,7 @@
 //! Builds a stand-in for a vendor's library, and lets a test talk to its own copy of it.
 
+#![allow(dead_code, reason = "each test file uses its own part")]
+
 use libloading::Library;
 use std::ffi::{CStr, CString, OsString, c_char, c_void};
 use std::path::{Path, PathBuf};
@@ -36,7 +38,6 @@ impl Built {
     }
 
     /// The library itself, which nobody has opened.
-    #[allow(dead_code, reason = "each test file uses its own part")]
     pub fn file(&self) -> &Path {
         &self.file
     }
@@ -54,7 +55,6 @@ impl Built {
 }
 
 /// A library that stays open while the test looks at it, also after the driver has closed its own handle.
-#[allow(dead_code, reason = "each test file uses its own part")]
 pub struct StandIn {
     library: Library,
     pub file: PathBuf,
@@ -62,7 +62,6 @@ pub struct StandIn {
 }
 
 #[allow(unsafe_code, reason = "calls into the stand-in")]
-#[allow(dead_code, reason = "each test file uses its own part")]
 impl StandIn {
     /// Tells it how to behave from now on.
     pub fn set(&self, name: &str, value: f64) {

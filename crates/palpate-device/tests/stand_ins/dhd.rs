@@ -15,6 +15,7 @@ struct Firmware {
     on: bool,
     /// What switched the forces off last: 0 nothing, 1 the button, 3 the watchdog, 4 the program.
     cause: c_int,
+    /// What was commanded last: rendered as soon as forces are on.
     force: [f64; 3],
 }
 
@@ -36,15 +37,13 @@ fn firmware<T>(with: impl FnOnce(&mut Firmware) -> T) -> T {
     } else if firmware.cause == 1 && !firmware.on {
         (firmware.on, firmware.fed_s) = (true, setting("now", 0.0));
     }
-    if !firmware.on {
-        firmware.force = [0.0; 3];
-    }
     with(&mut firmware)
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn stand_in_rendered(to: *mut c_double) {
-    firmware(|f| unsafe { to.copy_from(f.force.as_ptr(), 3) });
+    let force = firmware(|f| if f.on { f.force } else { [0.0; 3] });
+    unsafe { to.copy_from(force.as_ptr(), 3) };
 }
 
 /// What the setting of the call's name says it returns.
@@ -137,7 +136,6 @@ pub extern "C" fn dhdEnableForce(on: c_uchar, id: c_char) -> c_int {
             f.on = on == 1;
             f.fed_s = setting("now", 0.0);
             f.cause = if f.on { f.cause } else { 4 };
-            f.force = [0.0; 3];
         }
     });
     answer
@@ -205,7 +203,7 @@ pub extern "C" fn dhdSetForceAndTorqueAndGripperForce(
     firmware(|f| {
         if answer >= 0 {
             f.fed_s = setting("now", 0.0);
-            f.force = if f.on { [fx, fy, fz] } else { [0.0; 3] };
+            f.force = [fx, fy, fz];
         }
     });
     answer

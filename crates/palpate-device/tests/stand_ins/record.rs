@@ -1,5 +1,5 @@
 //! What the stand-ins share: a log of every call, and settings by which a test makes them misbehave. A test opens its own
-//! copy of the library, and reaches both through the two functions at the end.
+//! copy of the library, and reaches both through the two functions at the end; in another process, through its environment.
 
 use std::collections::BTreeMap;
 use std::ffi::{CStr, CString, c_char, c_void};
@@ -8,13 +8,20 @@ use std::sync::Mutex;
 static LOG: Mutex<Vec<String>> = Mutex::new(Vec::new());
 static SETTINGS: Mutex<BTreeMap<String, f64>> = Mutex::new(BTreeMap::new());
 
+/// `STAND_IN_LOG` names a file for the log.
 pub fn log(call: String) {
+    if let Ok(file) = std::env::var("STAND_IN_LOG") {
+        use std::io::Write;
+        let file = std::fs::File::options().create(true).append(true).open(file);
+        writeln!(file.unwrap(), "{call}").unwrap();
+    }
     LOG.lock().unwrap().push(call);
 }
 
-/// What the test set, or `usual`.
+/// What the test set, or `STAND_IN_NAME`, or `usual`.
 pub fn setting(name: &str, usual: f64) -> f64 {
-    SETTINGS.lock().unwrap().get(name).copied().unwrap_or(usual)
+    let from_outside = || std::env::var(format!("STAND_IN_{name}")).ok()?.parse().ok();
+    SETTINGS.lock().unwrap().get(name).copied().or_else(from_outside).unwrap_or(usual)
 }
 
 /// Does as a slow device does.

@@ -80,7 +80,7 @@ fn a_finder_that_panics_in_mid_press_ends_the_loop_in_time() {
     let calls = Arc::new(Mutex::new(Vec::new()));
     let device =
         Logged(Simulated::new(presets::device("touch").unwrap(), hand, Box::new(script)), calls.clone());
-    let safety = Safety { soft_start_s: 0.05, ..Safety::default() };
+    let safety = Safety { soft_start_s: 0.05, silence_s: Some(1.0), ..Safety::default() };
     let stages = safety.stages(device.capabilities(), 1000.0).unwrap();
     let body = Arc::new(ball());
     let haptics = HapticLoop::new(Contact::new(&body), WorkspaceMap::default(), stages);
