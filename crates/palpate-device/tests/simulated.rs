@@ -199,7 +199,8 @@ fn energies_add_up() {
     }
 }
 
-/// A constant torque on a damped hinge: φ = τ/b (t − I/b (1 − exp(−bt/I))), and the handle is turned by φ about that axis.
+/// A constant torque on a damped hinge: φ = τ/b (t − I/b (1 − exp(−bt/I))), and the handle is turned by φ
+/// about that axis.
 #[test]
 fn a_step_of_torque() {
     let (inertia, damping, torque) = (1e-4, 5e-4, 1e-3);
@@ -224,8 +225,8 @@ fn a_step_of_torque() {
     }
 }
 
-/// Three translations and three rotations at once, hand, friction, lag and delay, cut torques, in any direction: what goes in is
-/// held or dissipated, to rounding.
+/// Three translations and three rotations at once, hand, friction, lag and delay, cut torques, in any
+/// direction: what goes in is held or dissipated, to rounding.
 #[test]
 fn the_energies_of_six_axes_add_up() {
     let moves = [

@@ -55,8 +55,8 @@ pub struct Period {
 /// The engine's port to the loop: its wrench is held from one pose to the next.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Port {
-    /// E_out = Σ F_k · (x_(k+1) − x_k) + τ_k · θ_k, on the tool, with θ the rotation vector from one orientation to the next,
-    /// J: what was given out.
+    /// E_out = Σ F_k · (x_(k+1) − x_k) + τ_k · θ_k, on the tool, with θ the rotation vector from one
+    /// orientation to the next, J: what was given out.
     pub out_j: f64,
     /// Σ |x_(k+1) − x_k|², m²: half of K_max times this is what sampling alone can let out (MODEL 9 j).
     pub squares_m2: f64,
@@ -68,7 +68,7 @@ pub struct Port {
 impl Port {
     fn pass(&mut self, tool: Placement, wrench: Wrench) {
         if let Some((before, held)) = self.last {
-            let way = before.way_to(&tool);
+            let way = before.displacement_to(&tool);
             self.out_j += held.work(&way);
             self.squares_m2 += way.translation.length_squared();
             self.squares_rad2 += way.rotation.length_squared();
@@ -277,8 +277,8 @@ impl HapticLoop {
         output
     }
 
-    /// The coupling's wrench in the place of the body's, from the tool's tip to the handle, into the device's frame, and through
-    /// the stages. `drives_rotations` is of the device.
+    /// The coupling's wrench in the place of the body's, from the tool's tip to the handle, into the device's
+    /// frame, and through the stages. `drives_rotations` is of the device.
     fn command(
         &mut self,
         now: f64,

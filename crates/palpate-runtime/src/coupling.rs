@@ -1,9 +1,9 @@
 //! Virtual coupling: a spring between the device and a virtual tool without mass, which is what touches the body.
 //!
-//! The device then feels no more than the spring's stiffness in series with the body's, K k_c/(K + k_c), however stiff
-//! the body (Colgate, Stanley and Brown 1995). What it costs: the virtual tool stays behind the device by F/k_c, so that
-//! the body feels as much softer. Turning has a spring of its own, if it is asked for: the torque k_c θ along the rotation
-//! vector θ from the tool to the device, the slope of ½ k_c |θ|².
+//! The device then feels no more than the spring's stiffness in series with the body's, K k_c/(K + k_c),
+//! however stiff the body (Colgate, Stanley and Brown 1995). What it costs: the virtual tool stays behind the
+//! device by F/k_c, so that the body feels as much softer. Turning has a spring of its own, if it is asked
+//! for: the torque k_c θ along the rotation vector θ from the tool to the device, the slope of ½ k_c |θ|².
 
 use crate::wrench::{Placement, Wrench, rotation_between, turned};
 use glam::DVec3;
@@ -34,8 +34,8 @@ struct Last {
 }
 
 impl Spring {
-    /// One Newton step on the balance of spring and body from a tool that is `behind` the device, where the body's answer
-    /// is `answer`.
+    /// One Newton step on the balance of spring and body from a tool that is `behind` the device, where the
+    /// body's answer is `answer`.
     fn step(&self, behind: DVec3, answer: DVec3) -> DVec3 {
         let slope = if answer == DVec3::ZERO { 0.0 } else { self.body_stiffness };
         (self.stiffness * behind + answer) / (self.stiffness + slope)
@@ -59,8 +59,8 @@ impl Coupling {
         Coupling { angular: Some(spring), ..self }
     }
 
-    /// Where the virtual tool is when the device is at `device`. One Newton step a period on the balance of spring
-    /// and body, k_c (x_d − x) + f(x) = 0, with −K̂ for the body's slope while it is touched:
+    /// Where the virtual tool is when the device is at `device`. One Newton step a period on the balance of
+    /// spring and body, k_c (x_d − x) + f(x) = 0, with −K̂ for the body's slope while it is touched:
     ///
     /// ```text
     /// x' = x + (k_c (x_d − x) + f(x)) / (k_c + K̂)
@@ -79,12 +79,12 @@ impl Coupling {
         tool
     }
 
-    /// The springs' wrench on the device where the body's on the virtual tool is `body`: of the tool's reference point, as the
-    /// device holds it.
+    /// The springs' wrench on the device where the body's on the virtual tool is `body`: of the tool's
+    /// reference point, as the device holds it.
     pub(crate) fn wrench(&mut self, body: Wrench) -> Wrench {
         let Some(last) = &mut self.last else { return Wrench::default() };
         last.wrench = body;
-        let behind = last.device.way_to(&last.tool);
+        let behind = last.device.displacement_to(&last.tool);
         let torque = self.angular.map_or(body.torque, |spring| spring.stiffness * behind.rotation);
         Wrench { force: self.linear.stiffness * behind.translation, torque }
     }
@@ -109,7 +109,8 @@ mod tests {
         assert!(torque.distance(DVec3::Y * (-0.3 * 0.2 * 0.5 / 0.7)) < 1e-12, "{torque}");
     }
 
-    /// There and back by any path, round axes that change: the spring gives out nothing, as the period goes to zero.
+    /// There and back by any path, round axes that change: the spring gives out nothing, as the period goes
+    /// to zero.
     #[test]
     fn the_rotational_spring_is_a_potential() {
         let work = |steps: u32| {
@@ -126,7 +127,7 @@ mod tests {
                     Coupling { last: Some(Last { device, tool, wrench: Wrench::default() }), ..coupling };
                 held.wrench(Wrench::default())
             };
-            (0..steps).map(|k| wrench(at(k)).work(&at(k).way_to(&at(k + 1)))).sum::<f64>()
+            (0..steps).map(|k| wrench(at(k)).work(&at(k).displacement_to(&at(k + 1)))).sum::<f64>()
         };
         // What is left is what the hold lets out: it halves with the step.
         let [coarse, fine] = [500, 1000].map(work);

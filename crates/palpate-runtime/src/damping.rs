@@ -1,4 +1,5 @@
-//! Viscous damping, −b v and −b_θ ω, of the device: takes energy out of the hand's motion, in contact and free.
+//! Viscous damping, −b v and −b_θ ω, of the device: takes energy out of the hand's motion, in contact and
+//! free.
 
 use crate::wrench::{Placement, Wrench, rotation_between};
 use glam::DVec3;
@@ -7,7 +8,8 @@ use palpate_device::{Capabilities, Sample};
 /// Of the estimated velocity, s: an encoder's steps would otherwise be felt as a buzz. About 50 Hz.
 const SMOOTHING: f64 = 3e-3;
 
-/// −b v and −b_θ ω, with the velocities that the device reports, or else estimated from its poses and smoothed.
+/// −b v and −b_θ ω, with the velocities that the device reports, or else estimated from its poses and
+/// smoothed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Damping {
     coefficient: f64,
@@ -51,7 +53,8 @@ impl Damping {
         period_s + m.delay_s.value + m.lag_s.value + velocity
     }
 
-    /// What damps a handle that is at `placement`, `now` (s), with the velocities that `sample` reports or none.
+    /// What damps a handle that is at `placement`, `now` (s), with the velocities that `sample` reports or
+    /// none.
     pub(crate) fn wrench(&mut self, now: f64, placement: Placement, sample: &Sample) -> Wrench {
         let passed = self.last.replace((now, placement)).filter(|(then, _)| now > *then);
         // First order: v' = (Δx/Δt − v)/τ, one implicit step.

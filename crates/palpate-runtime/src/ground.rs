@@ -11,8 +11,8 @@ pub trait Ground {
     /// Whether a tool of `radius_m` at `position_m` can touch nothing of the body but what is at hand.
     fn knows(&self, position_m: [f64; 3], radius_m: f64) -> bool;
 
-    /// What acts on the tool at `pose`, `dt_s` after the last: the engine's step, or `None` where the tool must wait for the
-    /// ground. Whatever else renders a wrench from a pose puts its own in this place.
+    /// What acts on the tool at `pose`, `dt_s` after the last: the engine's step, or `None` where the tool
+    /// must wait for the ground. Whatever else renders a wrench from a pose puts its own in this place.
     ///
     /// # Real-time
     /// A step of the engine; another must be as bounded and allocate as little.

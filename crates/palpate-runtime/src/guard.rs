@@ -9,9 +9,10 @@ const REACH: f64 = 10.0;
 /// How far from 1 the length of an orientation's quaternion may be: as far as the engine takes it.
 const NEARLY_UNIT: f64 = 1e-3;
 
-/// Refuses poses that hold NaN or infinity or an orientation that is none, those that lie farther from the last one that was
-/// accepted, or are turned further, than the handle could have come since, and one that has not changed for too long by the device's own counter. Distances and times are from pose
-/// to new pose: a pose that is repeated takes no time. A jump that stays is accepted once it could have been a motion: 10 cm
+/// Refuses poses that hold NaN or infinity or an orientation that is none, those that lie farther from the
+/// last one that was accepted, or are turned further, than the handle could have come since, and one that has
+/// not changed for too long by the device's own counter. Distances and times are from pose to new pose: a
+/// pose that is repeated takes no time. A jump that stays is accepted once it could have been a motion: 10 cm
 /// at 10 m/s after 10 ms.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseGuard {
@@ -128,7 +129,8 @@ mod tests {
         assert_eq!(refused, 9);
     }
 
-    /// Half a turn in a millisecond is no motion, nor is a quaternion of no length an orientation; -q is the same as q.
+    /// Half a turn in a millisecond is no motion, nor is a quaternion of no length an orientation; -q is the
+    /// same as q.
     #[test]
     fn a_turn_that_no_wrist_makes_is_refused() {
         let mut guard = PoseGuard::new(10.0, 1.0).with_turn_max(100.0);

@@ -9,13 +9,15 @@ use palpate_engine::ToolState;
 /// No tool is longer, m.
 const LONGEST_TOOL: f64 = 10.0;
 
-/// point_in_body = offset + scale · R · point_in_device; the point is the tool's tip, which the handle carries.
+/// point_in_body = offset + scale · R · point_in_device; the point is the tool's tip, which the handle
+/// carries.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WorkspaceMap {
     /// R, body from device.
     pub rotation: DQuat,
     /// How much longer a way is in the body than at the device. Forces are not scaled, and torques by
-    /// 1/scale, as their levers are: with another scale than 1 the operator's work is 1/scale times the body's.
+    /// 1/scale, as their levers are: with another scale than 1 the operator's work is 1/scale times the
+    /// body's.
     pub scale: f64,
     /// Where the device's origin is in the body, m.
     pub offset_m: DVec3,
@@ -44,8 +46,8 @@ impl WorkspaceMap {
     /// The map with its rotations made units again, if it can be used with this device.
     ///
     /// # Errors
-    /// A number that is not finite, a scale that is not above 0, a tip that no handle holds, a rotation of no length, a button
-    /// that is not there.
+    /// A number that is not finite, a scale that is not above 0, a tip that no handle holds, a rotation of no
+    /// length, a button that is not there.
     pub fn checked(self, device: &Capabilities) -> Result<Self, SafetyError> {
         let error =
             |setting, problem: String, hint: &str| SafetyError { setting, problem, hint: hint.into() };
@@ -101,8 +103,8 @@ impl WorkspaceMap {
         self.rotation.conjugate() * vector
     }
 
-    /// What the handle at `pose` feels, in the device's frame, of a wrench at the tool's tip in the body's: the same force, and
-    /// r × F besides the torque, with r from the handle to the tip.
+    /// What the handle at `pose` feels, in the device's frame, of a wrench at the tool's tip in the body's:
+    /// the same force, and r × F besides the torque, with r from the handle to the tip.
     pub(crate) fn at_handle(&self, pose: &Pose, at_tip: Wrench) -> Wrench {
         let force = self.device_from_body(at_tip.force);
         let mut torque = self.device_from_body(at_tip.torque) / self.scale;
@@ -217,8 +219,8 @@ mod tests {
         }
     }
 
-    /// The tool's tip 5 cm below the handle and the device's frame turned: whichever way the handle goes, the operator's work at
-    /// it is 1/scale times the body's work at the tip.
+    /// The tool's tip 5 cm below the handle and the device's frame turned: whichever way the handle goes, the
+    /// operator's work at it is 1/scale times the body's work at the tip.
     #[test]
     fn the_wrench_at_the_handle_does_the_work_of_the_one_at_the_tip() {
         let map = WorkspaceMap {
@@ -237,9 +239,9 @@ mod tests {
         let h = 1e-6;
         let [before, now, after] = [pose(-h), pose(0.0), pose(h)];
         let [body_before, body_after] = [before, after].map(|p| Placement::from(map.body_from_device(&p)));
-        let at_tip = tip.work(&body_before.way_to(&body_after));
+        let at_tip = tip.work(&body_before.displacement_to(&body_after));
         let at_handle =
-            map.at_handle(&now, tip).work(&Placement::from(before).way_to(&Placement::from(after)));
+            map.at_handle(&now, tip).work(&Placement::from(before).displacement_to(&Placement::from(after)));
         assert!((at_handle * map.scale - at_tip).abs() < 1e-9 * at_tip.abs(), "{at_handle} {at_tip}");
         // A force on the tip, across the handle: the lever's torque.
         let map = WorkspaceMap { tip_in_handle_m: DVec3::Z * -0.05, ..WorkspaceMap::default() };

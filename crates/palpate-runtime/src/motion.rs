@@ -312,7 +312,8 @@ impl MotionScript {
         self.adjust_wrist(capabilities);
     }
 
-    /// A device whose rotational inertia is told has a handle that turns; one whose largest torque is told drives it.
+    /// A device whose rotational inertia is told has a handle that turns; one whose largest torque is told
+    /// drives it.
     fn adjust_wrist(&self, capabilities: &mut Capabilities) {
         let d = &self.device;
         if d.inertia_kg_m2.is_some() {

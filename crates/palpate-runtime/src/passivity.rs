@@ -6,18 +6,19 @@
 //! E += −F_k · (x_(k+1) − x_k) − τ_k · θ_k
 //! ```
 //!
-//! with θ_k the rotation vector of the period. There is one book for all six axes: what turning has taken in, moving may give
-//! out. As long as E ≥ 0 the loop has given out nothing that it hadn't taken in. Where E < 0 the controller renders a damping
-//! besides, which takes the excess back if the next period moves as the last did: α = −E/(T (|v|² + r²|ω|²)) of the motion,
-//! and α r² of the turning. r² is inertia/mass, so that both decay at the same rate α/mass, and each bears its share of the
-//! kinetic energy.
+//! with θ_k the rotation vector of the period. There is one book for all six axes: what turning has taken in,
+//! moving may give out. As long as E ≥ 0 the loop has given out nothing that it hadn't taken in. Where E < 0
+//! the controller renders a damping besides, which takes the excess back if the next period moves as the last
+//! did: α = −E/(T (|v|² + r²|ω|²)) of the motion, and α r² of the turning. r² is inertia/mass, so that both
+//! decay at the same rate α/mass, and each bears its share of the kinetic energy.
 
 use crate::wrench::{Placement, Wrench};
 
 /// Observer and controller, all axes together.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PassivityController {
-    /// kg. A damping α of more than this over the period would overturn the device's motion; half of it is the most.
+    /// kg. A damping α of more than this over the period would overturn the device's motion; half of it is
+    /// the most.
     mass: f64,
     /// r², m².
     inertia_per_mass: f64,
@@ -31,8 +32,8 @@ pub struct PassivityController {
 }
 
 impl PassivityController {
-    /// For a loop of this period (s) and a device of this moving mass (kg): α stays below half of mass/period. It damps no
-    /// turning: [`with_inertia`](Self::with_inertia).
+    /// For a loop of this period (s) and a device of this moving mass (kg): α stays below half of
+    /// mass/period. It damps no turning: [`with_inertia`](Self::with_inertia).
     pub fn new(period_s: f64, mass_kg: f64) -> Self {
         PassivityController {
             mass: mass_kg,
@@ -45,7 +46,8 @@ impl PassivityController {
         }
     }
 
-    /// For a device of this rotational inertia (kg·m²): what damps its turning stays below half of inertia/period.
+    /// For a device of this rotational inertia (kg·m²): what damps its turning stays below half of
+    /// inertia/period.
     #[must_use]
     pub fn with_inertia(self, inertia_kg_m2: f64) -> Self {
         let known = self.mass > 0.0;
@@ -71,7 +73,7 @@ impl PassivityController {
     pub(crate) fn pass(&mut self, placement: Placement, wanted: Wrench) -> Wrench {
         let mut wrench = wanted;
         if let Some((before, rendered)) = self.last {
-            let way = before.way_to(&placement);
+            let way = before.displacement_to(&placement);
             self.observed_j -= rendered.work(&way);
             self.lowest_j = self.lowest_j.min(self.observed_j);
             let turning = self.inertia_per_mass * way.rotation.length_squared();
@@ -103,8 +105,8 @@ mod tests {
     use crate::wrench::turned;
     use glam::DVec3;
 
-    /// A torque that turned the handle by 10 mrad has given out 1 mJ: a motion that goes on pays for it, each part by its share
-    /// of the kinetic energy.
+    /// A torque that turned the handle by 10 mrad has given out 1 mJ: a motion that goes on pays for it, each
+    /// part by its share of the kinetic energy.
     #[test]
     fn torque_is_in_the_same_book_and_pays_its_share() {
         let (mass, inertia, period) = (0.2, 1e-3, 1e-3);

@@ -177,7 +177,8 @@ record! {
     minor_faults: u32,
     /// Page faults of the haptic thread so far, with the disk.
     major_faults: u32,
-    /// The handle's angular velocity, if bit 4 of `device_status` says that the device reports one. From version 2 on.
+    /// The handle's angular velocity, if bit 4 of `device_status` says that the device reports one. From
+    /// version 2 on.
     device_angular_velocity_rad_per_s: [f64; 3],
     /// Sum of the squares of the tool's rotation vectors so far. From version 2 on.
     squares_rad2: f64,

@@ -156,7 +156,8 @@ const ANGULAR: Damped =
     Damped { setting: "damping_nm_s_per_rad", unit: "N·m·s/rad", inertia_unit: "kg·m²" };
 
 impl Damped {
-    /// A sampled damping of more than half of the inertia over the delay overturns the motion that it should calm.
+    /// A sampled damping of more than half of the inertia over the delay overturns the motion that it should
+    /// calm.
     fn check(&self, damping: f64, inertia: f64, delay: f64) -> Result<(), SafetyError> {
         let Damped { setting, unit, inertia_unit } = *self;
         let most = 0.5 * inertia / delay;
@@ -305,7 +306,8 @@ mod tests {
         assert_eq!(most(&device, None), GENTLE_N);
     }
 
-    /// Torque has a gentle default, a damping within half of inertia/delay, and a share of the passivity controller's.
+    /// Torque has a gentle default, a damping within half of inertia/delay, and a share of the passivity
+    /// controller's.
     #[test]
     fn a_driven_wrist_has_limits_of_its_own() {
         let mut sigma = presets::device("sigma").unwrap();

@@ -29,8 +29,8 @@ pub struct Stages {
 }
 
 impl Stages {
-    /// The command for the wrench `wanted` at the handle, in the device's frame. `silence` asks for none: what is rendered goes
-    /// to zero within the slew limit, and ramps up anew afterwards.
+    /// The command for the wrench `wanted` at the handle, in the device's frame. `silence` asks for none:
+    /// what is rendered goes to zero within the slew limit, and ramps up anew afterwards.
     pub(crate) fn command(
         &mut self,
         now: f64,

@@ -52,7 +52,7 @@ impl From<Placement> for ToolState {
 impl Placement {
     /// From here to `next`.
     #[inline]
-    pub fn way_to(&self, next: &Placement) -> Displacement {
+    pub fn displacement_to(&self, next: &Placement) -> Displacement {
         Displacement {
             translation: next.position - self.position,
             rotation: rotation_between(self.orientation, next.orientation),
@@ -61,15 +61,16 @@ impl Placement {
 }
 
 impl Wrench {
-    /// Work of this wrench, held in its frame, along `way`, J: F·Δx + τ·Δθ. Exact for a rotation about an axis that stays.
-    pub fn work(&self, way: &Displacement) -> f64 {
-        let work = self.force.dot(way.translation);
+    /// Work of this wrench, held in its frame, along this displacement, J: F·Δx + τ·Δθ. Exact for a rotation about an axis that stays.
+    pub fn work(&self, along: &Displacement) -> f64 {
+        let work = self.force.dot(along.translation);
         // No torque costs nothing, to the bit.
-        if self.torque == DVec3::ZERO { work } else { work + self.torque.dot(way.rotation) }
+        if self.torque == DVec3::ZERO { work } else { work + self.torque.dot(along.rotation) }
     }
 }
 
-/// The rotation vector, rad, that leads from one orientation to the other, at most half a turn; its frame is theirs.
+/// The rotation vector, rad, that leads from one orientation to the other, at most half a turn; its frame is
+/// theirs.
 #[inline]
 pub(crate) fn rotation_between(from: [f64; 4], to: [f64; 4]) -> DVec3 {
     // Most handles don't turn.
@@ -128,6 +129,6 @@ mod tests {
         let from = Placement { position: DVec3::X, ..Placement::default() };
         let to = Placement { position: DVec3::Y, orientation: turned(from.orientation, DVec3::Z * 0.5) };
         let wrench = Wrench { force: DVec3::new(1.0, 2.0, 3.0), torque: DVec3::new(4.0, 5.0, 6.0) };
-        assert!((wrench.work(&from.way_to(&to)) - (1.0 + 3.0)).abs() < 1e-14);
+        assert!((wrench.work(&from.displacement_to(&to)) - (1.0 + 3.0)).abs() < 1e-14);
     }
 }

@@ -1,5 +1,6 @@
-//! Six axes in a closed loop: a rotational spring in the body's place, on a simulated device whose handle turns. Energy balances,
-//! limits and the passivity controller act on torque as on force, and a recording plays again to the bit.
+//! Six axes in a closed loop: a rotational spring in the body's place, on a simulated device whose handle
+//! turns. Energy balances, limits and the passivity controller act on torque as on force, and a recording
+//! plays again to the bit.
 
 mod common;
 
@@ -110,8 +111,9 @@ fn unbalanced(device: &Simulated) -> f64 {
     (e.motor_j + e.hand_j - e.viscous_j - e.coulomb_j - e.hand_damper_j - device.held_j()).abs()
 }
 
-/// About each hinge, with all three translations: what the springs give out at the engine's port is what the motors do, and what
-/// they gave out and hold is what the hold alone lets out, ½ k Σ|θ|². To 10⁻⁹ of what is moved.
+/// About each hinge, with all three translations: what the springs give out at the engine's port is what the
+/// motors do, and what they gave out and hold is what the hold alone lets out, ½ k Σ|θ|². To 10⁻⁹ of what is
+/// moved.
 #[test]
 fn the_energies_of_a_loop_on_a_rotational_spring_balance() {
     let springs = Springs::new(150.0, 0.2);
@@ -139,8 +141,8 @@ fn the_energies_of_a_loop_on_a_rotational_spring_balance() {
     }
 }
 
-/// About axes that change, the device still balances to rounding; the port's rotation vectors and the hinges' torques, both held
-/// for a period, differ by what halves with the period.
+/// About axes that change, the device still balances to rounding; the port's rotation vectors and the hinges'
+/// torques, both held for a period, differ by what halves with the period.
 #[test]
 fn about_changing_axes_the_port_nears_the_motors_with_the_period() {
     let springs = Springs::new(150.0, 0.2);
@@ -161,8 +163,8 @@ fn about_changing_axes_the_port_nears_the_motors_with_the_period() {
     assert!(coarse < 1e-3 && (3.0..5.0).contains(&(coarse / fine)), "{coarse:e} {fine:e}");
 }
 
-/// 2b/T = 1 N·m/rad for 5·10⁻⁴ N·m·s/rad: on both sides of it, a spring is quiet and cycles; the controller stops the cycle by
-/// torque alone, and without an inertia it can't.
+/// 2b/T = 1 N·m/rad for 5·10⁻⁴ N·m·s/rad: on both sides of it, a spring is quiet and cycles; the controller
+/// stops the cycle by torque alone, and without an inertia it can't.
 #[test]
 fn the_passivity_controller_stops_a_cycle_of_the_wrist() {
     let moves = [turn(0.0, 0.0, 0.3, 0.2), Move::Hold { tremor_m: 0.0, tremor_hz: 0.0, seconds: 4.8 }];
@@ -194,7 +196,8 @@ fn the_passivity_controller_stops_a_cycle_of_the_wrist() {
     assert_eq!(swing(0.7, Some(controller.with_inertia(1e-4))), (quiet, 0));
 }
 
-/// No torque above the limit, none that changes faster than the slew, a soft start, and zero within two periods of a stop.
+/// No torque above the limit, none that changes faster than the slew, a soft start, and zero within two
+/// periods of a stop.
 #[test]
 fn the_limits_act_on_torque_as_on_force() {
     let mut capabilities = six_axes(5e-4);
@@ -226,8 +229,8 @@ fn the_limits_act_on_torque_as_on_force() {
     assert!(haptics.is_silent());
 }
 
-/// 200 random loops with a device that goes wrong: no torque above its limit, no step above the slew but to zero, silence two
-/// periods after a stop.
+/// 200 random loops with a device that goes wrong: no torque above its limit, no step above the slew but to
+/// zero, silence two periods after a stop.
 #[test]
 fn no_torque_above_the_limits_whatever_goes_wrong() {
     let (mut touched, mut nearest) = (0, [0.0f64; 2]);
@@ -289,8 +292,8 @@ fn no_torque_above_the_limits_whatever_goes_wrong() {
     assert!(touched > 20_000 && nearest.iter().all(|n| *n > 0.999), "{touched} {nearest:?}");
 }
 
-/// A force at a tip 5 cm below the handle turns the handle. Where no rotation is driven the torque is left out and counted, and
-/// the controller's book is of what is rendered.
+/// A force at a tip 5 cm below the handle turns the handle. Where no rotation is driven the torque is left
+/// out and counted, and the controller's book is of what is rendered.
 #[test]
 fn a_force_at_the_tip_is_a_torque_at_the_handle() {
     let map = WorkspaceMap { tip_in_handle_m: DVec3::new(0.0, 0.0, -0.05), ..WorkspaceMap::default() };
@@ -333,8 +336,8 @@ fn a_force_at_the_tip_is_a_torque_at_the_handle() {
     assert!(go(&capabilities) > 590);
 }
 
-/// A spring of 1.8 N·m/rad, on which the bare wrist oscillates, is met through one of 0.5 as 0.39, which is quiet: the torque is that
-/// of both in series, and the body's tool stays behind the handle.
+/// A spring of 1.8 N·m/rad, on which the bare wrist oscillates, is met through one of 0.5 as 0.39, which is
+/// quiet: the torque is that of both in series, and the body's tool stays behind the handle.
 #[test]
 fn the_couplings_rotational_spring_stands_in_for_the_body() {
     let moves = [turn(0.0, 0.0, 0.3, 0.2), Move::Hold { tremor_m: 0.0, tremor_hz: 0.0, seconds: 4.8 }];
@@ -353,8 +356,8 @@ fn the_couplings_rotational_spring_stands_in_for_the_body() {
     assert!(tool.distance(handle * 0.5 / 2.3) < 1e-9, "{tool} {handle}");
 }
 
-/// Written, read, and played again on a loop of its own: poses, forces, torques and books to the bit; and what the springs answer
-/// to the recorded poses.
+/// Written, read, and played again on a loop of its own: poses, forces, torques and books to the bit; and
+/// what the springs answer to the recorded poses.
 #[test]
 fn a_recording_with_torques_plays_again_to_the_bit() {
     let springs = Springs::new(150.0, 0.4);
@@ -417,7 +420,8 @@ fn a_recording_with_torques_plays_again_to_the_bit() {
     assert!(largest > 0.05 && read[799].squares_rad2 > 1e-3, "{largest}");
 }
 
-/// A law without torque renders none, whatever the wrist does; the forces are those of a device without a wrist, to the bit.
+/// A law without torque renders none, whatever the wrist does; the forces are those of a device without a
+/// wrist, to the bit.
 #[test]
 fn without_torque_a_wrist_changes_nothing() {
     let body = plane(600.0, 500.0, 0.3);

@@ -4,9 +4,10 @@
 //! m ẍ = F(t) + k (x_h − x) + b_h (ẋ_h − ẋ) + p(t) − b ẋ − c_f sign ẋ
 //! ```
 //!
-//! with F the motor's force, x_h the hand's aim and p its push; for a hinge they are angle, inertia, and torques. Between events (a command that arrives, an amplifier
-//! that stops slewing, a velocity that becomes 0, a stop that breaks) the right side is linear in x and ẋ with a
-//! smooth drive, so that x(t) is the power series whose coefficients follow one another:
+//! with F the motor's force, x_h the hand's aim and p its push; for a hinge they are angle, inertia, and
+//! torques. Between events (a command that arrives, an amplifier that stops slewing, a velocity that becomes
+//! 0, a stop that breaks) the right side is linear in x and ẋ with a smooth drive, so that x(t) is the power
+//! series whose coefficients follow one another:
 //!
 //! ```text
 //! m (n+2)(n+1) a_(n+2) = u_n − (b + b_h)(n+1) a_(n+1) − k a_n
@@ -27,8 +28,8 @@ const SHARE: f64 = 0.25;
 /// A motor as near to its command is there, relative.
 const ARRIVED: f64 = 1e-15;
 
-/// What moves and what drives it; the same for three axes. Units are those of a slide; a hinge has rad for m, N·m for N and
-/// kg·m² for kg.
+/// What moves and what drives it; the same for three axes. Units are those of a slide; a hinge has rad for m,
+/// N·m for N and kg·m² for kg.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Plant {
     /// Device and hand, kg.

@@ -104,8 +104,9 @@ pub(super) fn turning(capabilities: &Capabilities) -> Option<&Wrist> {
 /// Whether a device with these capabilities can be simulated in this hand.
 ///
 /// # Errors
-/// A figure outside of what is [`Allowed`]; nothing that moves, or turns where there is a wrist; a mass, or an inertia, so
-/// small for damping and spring that the motion's time constant 1/((b + b_h)/m + √(k/m)) is below 10 µs.
+/// A figure outside of what is [`Allowed`]; nothing that moves, or turns where there is a wrist; a mass, or
+/// an inertia, so small for damping and spring that the motion's time constant 1/((b + b_h)/m + √(k/m)) is
+/// below 10 µs.
 pub fn check(capabilities: &Capabilities, hand: &Hand) -> Result<(), FigureError> {
     let m = &capabilities.mechanics;
     all(&[

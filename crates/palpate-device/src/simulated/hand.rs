@@ -36,7 +36,7 @@ pub struct Target {
     /// How fast they change, rad/s.
     pub rates_rad_per_s: DVec3,
     /// Torques that the hand exerts at the hinges besides, N·m.
-    pub twist_nm: DVec3,
+    pub torque_nm: DVec3,
 }
 
 /// What the operator does, as a function of time: the same time gives the same target.

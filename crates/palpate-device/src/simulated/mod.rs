@@ -20,7 +20,8 @@ const LONGEST_GAP: f64 = 1.0;
 /// Commands that can be under way at once; of more, the oldest acts early.
 const UNDER_WAY: usize = 64;
 
-/// Energies of the simulated mechanics since `open`, of slides and hinges, J: kinetic + hand's spring = motor + hand − the three dissipations.
+/// Energies of the simulated mechanics since `open`, of slides and hinges, J. Kinetic energy and that of the
+/// hand's springs are what motor and hand put in, less the three dissipations.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Energies {
     /// Work of the motors on the tool.
@@ -40,10 +41,10 @@ pub struct Energies {
 ///
 /// Each axis has its own drive, encoder, and friction, as on a gantry. Forces are held from one command to the next.
 ///
-/// The handle turns where rotations are sensed and [`Mechanics::wrist`](crate::Mechanics) is known: on three hinges, one on
-/// the other, about z, y and x, in this order from the base, each with its own drive, encoder, friction and inertia. A
-/// commanded torque becomes, by virtual work, the torques that the hinges' motors hold until the next command, as a wrist's
-/// drives do. So each hinge is integrated as exactly as a slide.
+/// The handle turns where rotations are sensed and [`Mechanics::wrist`](crate::Mechanics) is known: on three
+/// hinges, one on the other, about z, y and x, in this order from the base, each with its own drive, encoder,
+/// friction and inertia. A commanded torque becomes, by virtual work, the torques that the hinges' motors
+/// hold until the next command, as a wrist's drives do. So each hinge is integrated as exactly as a slide.
 #[derive(Debug)]
 pub struct Simulated {
     capabilities: Capabilities,
@@ -119,8 +120,9 @@ impl Simulated {
         DVec3::from_array(self.slides.map(|a| a.force))
     }
 
-    /// Angles of the wrist's hinges about x, y and z, rad; 0 where the handle does not turn. The handle's orientation is
-    /// R_z R_y R_x. At ±90° of the middle one, y, the others' axes are parallel, and the handle can't be turned about every axis.
+    /// Angles of the wrist's hinges about x, y and z, rad; 0 where the handle does not turn. The handle's
+    /// orientation is R_z R_y R_x. At ±90° of the middle one, y, the others' axes are parallel, and the
+    /// handle can't be turned about every axis.
     pub fn angles_rad(&self) -> DVec3 {
         DVec3::from_array(self.hinges.map(|a| a.x))
     }
@@ -186,7 +188,7 @@ impl Simulated {
             }
             if let Some(plant) = &self.hinge {
                 for (i, axis) in self.hinges.iter_mut().enumerate() {
-                    let end = |t: &Target| [t.angles_rad[i], t.rates_rad_per_s[i], t.twist_nm[i]];
+                    let end = |t: &Target| [t.angles_rad[i], t.rates_rad_per_s[i], t.torque_nm[i]];
                     axis.advance(plant, span, &Aim::between(end(&a), end(&b), span));
                 }
             }

@@ -242,7 +242,7 @@ impl HandMotion for Script {
             push_n: self.axes[2] * push,
             angles_rad,
             rates_rad_per_s,
-            twist_nm: DVec3::ZERO,
+            torque_nm: DVec3::ZERO,
         }
     }
 

@@ -10,8 +10,9 @@ pub(super) fn orientation(angles: DVec3) -> [f64; 4] {
     [q.w, q.x, q.y, q.z]
 }
 
-/// The directions, in the device's frame, of the hinges that turn the handle about its x, y and z. The angular velocity is
-/// their sum times the angles' rates, and so by virtual work a hinge's torque is its direction times the torque.
+/// The directions, in the device's frame, of the hinges that turn the handle about its x, y and z. The
+/// angular velocity is their sum times the angles' rates, and so by virtual work a hinge's torque is its
+/// direction times the torque.
 pub(super) fn axes(angles: DVec3) -> [DVec3; 3] {
     let [_, (sy, cy), (sz, cz)] = angles.to_array().map(libm::sincos);
     [DVec3::new(cz * cy, sz * cy, -sy), DVec3::new(-sz, cz, 0.0), DVec3::Z]

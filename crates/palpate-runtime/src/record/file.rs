@@ -16,7 +16,8 @@ const _: () =
 
 /// The first eight bytes.
 pub const MAGIC: [u8; 8] = *b"palprec\n";
-/// The format's number. Version 1 has `spare` where version 2 has the handle's angular velocity and `squares_rad2`.
+/// The format's number. Version 1 has `spare` where version 2 has the handle's angular velocity and
+/// `squares_rad2`.
 pub(super) const VERSION: u32 = 2;
 /// No header is longer, bytes.
 pub(super) const HEADER_MAX: u32 = 1 << 20;
