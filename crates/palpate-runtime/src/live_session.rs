@@ -390,20 +390,20 @@ pub fn ablation_name(ablation: Ablation) -> &'static str {
 #[derive(Debug)]
 pub struct PreparedSession {
     session: Prepared,
-    recorder_thread: RecorderThread,
-    capabilities: Capabilities,
-    controls: Controls,
-    body: SessionBody,
-    config: SessionConfig,
+    owned: Owned,
     advice: Option<String>,
-    has_gradients: bool,
-    memory: Option<MemoryLock>,
 }
 
 /// A session that runs. Dropped, it is stopped and waited for.
 #[derive(Debug)]
 pub struct LiveSession {
     session: Session,
+    owned: Owned,
+}
+
+/// What belongs to a session besides its threads.
+#[derive(Debug)]
+struct Owned {
     recorder_thread: RecorderThread,
     capabilities: Capabilities,
     controls: Controls,
@@ -482,6 +482,7 @@ impl PreparedSession {
         }
         let (haptics, header) = haptic_loop(&*body.source, &body.file, &mut *device, map, safety, &config)?;
         let (recorder, records) = ring((RING_S * config.rate_hz) as usize);
+        let has_gradients = serves_any_rule(&*body.source, config.slip);
         let advice =
             if is_replay { None } else { too_stiff(&*body.source, haptics.map(), &capabilities, &config)? };
         let (controls, inbox) = controls(capabilities.clone(), safety, config.rate_hz);
@@ -512,17 +513,9 @@ impl PreparedSession {
         let file = file.map(|path| RecordingFile::create(path, false, &header)).transpose()?;
         let recorder_thread = RecorderThread::start_with(records, file, config.rate_hz, config.history)
             .map_err(StartError::from)?;
-        Ok(PreparedSession {
-            session,
-            recorder_thread,
-            capabilities,
-            controls,
-            body,
-            config,
-            advice,
-            has_gradients,
-            memory,
-        })
+        let owned =
+            Owned { recorder_thread, capabilities, controls, body, config, has_gradients, _memory: memory };
+        Ok(PreparedSession { session, owned, advice })
     }
 
     /// What could not be had, a line each: known before the first force.
@@ -537,7 +530,7 @@ impl PreparedSession {
 
     /// What the device can do.
     pub fn capabilities(&self) -> &Capabilities {
-        &self.capabilities
+        &self.owned.capabilities
     }
 
     /// Something to stop it with, also before it is started.
@@ -550,27 +543,7 @@ impl PreparedSession {
     /// # Errors
     /// The system gives no thread. The device is closed then.
     pub fn start(self) -> Result<LiveSession, SessionError> {
-        let PreparedSession {
-            session,
-            recorder_thread,
-            capabilities,
-            controls,
-            body,
-            config,
-            has_gradients,
-            memory,
-            ..
-        } = self;
-        Ok(LiveSession {
-            session: session.start()?,
-            recorder_thread,
-            capabilities,
-            controls,
-            body,
-            config,
-            has_gradients,
-            _memory: memory,
-        })
+        Ok(LiveSession { session: self.session.start()?, owned: self.owned })
     }
 }
 
@@ -591,27 +564,27 @@ impl LiveSession {
 
     /// Periods of the past, as many a second as [`SessionConfig::history`] says, the oldest first.
     pub fn history(&self) -> Vec<Record> {
-        self.recorder_thread.history()
+        self.owned.recorder_thread.history()
     }
 
     /// Percentiles, counts and energies so far.
     pub fn summary(&self) -> Summary {
-        self.recorder_thread.summary()
+        self.owned.recorder_thread.summary()
     }
 
     /// What ended the recording early, once.
     pub fn recording_trouble(&self) -> Option<String> {
-        self.recorder_thread.trouble()
+        self.owned.recorder_thread.trouble()
     }
 
     /// What the device can do.
     pub fn capabilities(&self) -> &Capabilities {
-        &self.capabilities
+        &self.owned.capabilities
     }
 
     /// To steer it from any thread.
     pub fn controls(&self) -> &Controls {
-        &self.controls
+        &self.owned.controls
     }
 
     /// Goes over to another slip rule, through silence and the soft start.
@@ -620,11 +593,11 @@ impl LiveSession {
     /// A body that began without what `consistent` reads: one of more than a million triangles, with another rule. As
     /// [`Controls::pause`].
     pub fn set_slip_rule(&self, rule: SlipRule) -> Result<(), ControlError> {
-        if rule == SlipRule::Consistent && !self.has_gradients {
+        if rule == SlipRule::Consistent && !self.owned.has_gradients {
             let words = "the body is too large to be prepared for `consistent` beside; start with that rule, and go over";
             return Err(ControlError::Body(words.into()));
         }
-        self.controls.send(Change::Slip(rule))
+        self.owned.controls.send(Change::Slip(rule))
     }
 
     /// Goes over to another body, through silence and the soft start. The map stays: a tool that is then inside the new body
@@ -634,11 +607,11 @@ impl LiveSession {
     /// A recording is under way; the body can't be read, does not serve its slip rule, or has another tool than fits the
     /// place; as [`Controls::pause`].
     pub fn change_body(&mut self, body: impl Into<SessionBody>) -> Result<(), ControlError> {
-        if self.config.record.is_some() {
+        if self.owned.config.record.is_some() {
             return Err(ControlError::Recorded);
         }
         let body = body.into();
-        let config = &self.config;
+        let config = &self.owned.config;
         let refused = |e: BodyError| ControlError::Body(e.to_string());
         let header = body.source.model_header();
         let (contact, rule) = contact(header, config);
@@ -651,13 +624,13 @@ impl LiveSession {
         let coupling = coupling(config, &*body.source).map_err(refused)?;
         let follower = self.session.follow(finder).map_err(|e| ControlError::Body(e.to_string()))?;
         if let Err(refused) =
-            self.controls.send(Change::Body(Box::new(BodyChange { patch_holder, contact, coupling })))
+            self.owned.controls.send(Change::Body(Box::new(BodyChange { patch_holder, contact, coupling })))
         {
             follower.store(true, Ordering::Release);
             return Err(refused);
         }
         self.session.retire(follower);
-        (self.body, self.has_gradients) = (body, has_gradients);
+        (self.owned.body, self.owned.has_gradients) = (body, has_gradients);
         Ok(())
     }
 
@@ -674,13 +647,13 @@ impl LiveSession {
     /// Waits for the end, and for the recording's.
     pub fn join(self) -> Outcome {
         let report = self.session.join();
-        let finished = self.recorder_thread.finish(&report.end.to_string());
+        let finished = self.owned.recorder_thread.finish(&report.end.to_string());
         Outcome {
-            device: self.capabilities.name.to_string(),
+            device: self.owned.capabilities.name.to_string(),
             report,
             finished,
-            rate_hz: self.config.rate_hz,
-            is_recorded: self.config.record.is_some(),
+            rate_hz: self.owned.config.rate_hz,
+            is_recorded: self.owned.config.record.is_some(),
         }
     }
 }
