@@ -146,6 +146,11 @@ struct Watcher<'a> {
 }
 
 impl Observer for Watcher<'_> {
+    fn pause(&self) -> Duration {
+        let usual = Duration::from_millis(5);
+        self.every.map_or(usual, |every| (every / 2).min(usual))
+    }
+
     fn look(&mut self, index: usize, session: &LiveSession) {
         let Some(watched) = self.watched.get_mut(index) else { return };
         let device = || session.capabilities().name.to_string();
@@ -227,7 +232,7 @@ impl Teller {
     /// Waits until all is told.
     fn finish(self) {
         drop(self.news);
-        // A panic in it has ended the telling, and nothing else.
+        // A panic in it has stopped the loops, and they say so.
         let _ = self.thread.join();
     }
 }

@@ -221,8 +221,9 @@ impl Contact {
 
     /// Goes over to another slip rule, which the body must have been prepared for.
     pub fn set_slip_rule(&mut self, rule: SlipRule) {
-        self.rule = rule;
-        self.guess = Guess::default();
+        if rule != self.rule {
+            (self.rule, self.guess) = (rule, Guess::default());
+        }
     }
 
     /// Multiplies the body's friction coefficients, from the next step on; 1 at first. Negative and what is no number count as 0.

@@ -148,6 +148,8 @@ impl HapticLoop {
 
     /// Another contact and coupling, of another body; what was there comes back in their place. There must be no force.
     pub(crate) fn replace_body(&mut self, contact: &mut Contact, coupling: &mut Option<Coupling>) {
+        // What was set for the last body goes for this one.
+        contact.set_friction_scale(self.contact.friction_scale());
         std::mem::swap(&mut self.contact, contact);
         std::mem::swap(&mut self.stages.coupling, coupling);
         // The way from the last pose to the next belongs to neither.
@@ -293,12 +295,9 @@ impl HapticLoop {
         if unknown {
             self.stages.reset();
         }
-        flags.set(StageFlags::CHANGING, self.hushed);
-        let silence = unknown
-            || std::mem::take(&mut self.hushed)
-            || !heard
-            || flags.has(StageFlags::CLUTCHED)
-            || self.stopped;
+        let hushed = std::mem::take(&mut self.hushed);
+        flags.set(StageFlags::CHANGING, hushed);
+        let silence = unknown || hushed || !heard || flags.has(StageFlags::CLUTCHED) || self.stopped;
         let mut at_tip = acting(output);
         if let Some(coupling) = self.stages.coupling.as_mut().filter(|_| flags.has(StageFlags::STEPPED)) {
             at_tip = coupling.wrench(at_tip);

@@ -118,6 +118,12 @@ pub struct History {
 fn known_safety<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Safety, D::Error> {
     let given = serde_json::Map::deserialize(deserializer)?;
     let known = serde_json::to_value(Safety::default()).map_err(D::Error::custom)?;
+    let is_none = |value: &serde_json::Value| value.is_null();
+    if let Some(key) = given.keys().find(|key| given.get(key.as_str()).is_some_and(is_none)) {
+        return Err(D::Error::custom(format!(
+            "{key} in safety is no finite number; give one, or leave it out"
+        )));
+    }
     if let Some(key) = given.keys().find(|key| known.get(key.as_str()).is_none()) {
         return Err(D::Error::custom(format!("unknown field `{key}` in safety")));
     }
@@ -212,6 +218,9 @@ impl SessionConfig {
         within("patch_elements", self.patch_elements as f64, 64.0, f64::from(1 << 18))?;
         within("patience.late_s", self.patience.late_s, 1e-3, 10.0)?;
         within("patience.pose_s", self.patience.pose_s, 1e-3, 1e9)?;
+        within("patience.finder_s", self.patience.finder_s, 1e-3, 1e9)?;
+        within("patience.faults", f64::from(self.patience.faults), 1.0, 1e6)?;
+        within("real_time.core", self.real_time.core.map_or(0.0, f64::from), 0.0, 1023.0)?;
         within("real_time.spin_s", self.real_time.spin_s, 0.0, 0.1)?;
         within("history.rate_hz", self.history.rate_hz, 1e-3, 2e4)?;
         within("history.seconds", self.history.seconds, 0.0, 3600.0)?;
@@ -220,8 +229,20 @@ impl SessionConfig {
             return Err(error(
                 "real_time.priority",
                 "it is not from 1 to 98".into(),
-                "give one, or leave it out",
+                "give one; 0 in a file asks for none",
             ));
+        }
+        // Half of the time after which the device, or its driver, takes the force off by itself.
+        let silence = match self.device {
+            DeviceChoice::Dhd(_) | DeviceChoice::OpenHaptics(_) => Some(10e-3),
+            DeviceChoice::Haply(_) => Some(2.5e-3),
+            DeviceChoice::Simulated(_) | DeviceChoice::Replay(_) => None,
+        };
+        if let Some(silence) = silence {
+            within("rate_hz", self.rate_hz, 1.0 / silence, 2e4)?;
+            self.safety
+                .silence_s
+                .map_or(Ok(()), |s| within("safety.silence_s", s, 1.0 / self.rate_hz, 10e-3))?;
         }
         if is_virtual && !matches!(self.device, DeviceChoice::Simulated(_)) {
             let problem = format!("{} goes by the clock", self.device);
@@ -245,6 +266,12 @@ mod tests {
         assert_eq!(config.check(), Ok(()));
         let text = toml::to_string(&config).unwrap();
         assert_eq!(toml::from_str::<SessionConfig>(&text).unwrap(), config, "{text}");
+        // What asks for nothing can be said.
+        let real_time = RealTime { priority: None, core: None, lock_memory: false, spin_s: 0.0 };
+        let modest = SessionConfig { real_time, ..SessionConfig::default() };
+        let text = toml::to_string(&modest).unwrap();
+        assert_eq!(toml::from_str::<SessionConfig>(&text).unwrap(), modest, "{text}");
+        assert!(toml::from_str::<SessionConfig>("[safety]\nforce_max_n = nan").is_err());
         assert!(toml::from_str::<SessionConfig>("rate = 1000").is_err());
         assert!(toml::from_str::<SessionConfig>("[safety]\nforce_max = 1").is_err());
     }
@@ -253,7 +280,11 @@ mod tests {
     fn what_cannot_be_is_refused_by_its_name() {
         let config = SessionConfig::default;
         let real_time = |priority| RealTime { priority, ..RealTime::default() };
+        let patience = |finder_s| Patience { finder_s, ..Patience::default() };
         for (config, setting) in [
+            (SessionConfig { patience: patience(f64::NAN), ..config() }, "patience.finder_s"),
+            (SessionConfig { device: DeviceChoice::Dhd(None), rate_hz: 50.0, ..config() }, "rate_hz"),
+            (SessionConfig { device: DeviceChoice::Haply(None), rate_hz: 200.0, ..config() }, "rate_hz"),
             (SessionConfig { rate_hz: f64::NAN, ..config() }, "rate_hz"),
             (SessionConfig { seconds: Some(0.0), ..config() }, "seconds"),
             (SessionConfig { friction_scale: -1.0, ..config() }, "friction_scale"),

@@ -4,6 +4,9 @@
 //! callers ── lock among themselves ──→ ring ──→ haptic thread: silence, then the change, then the soft start
 //! ```
 //!
+//! A pause is a flag beside the ring: it waits for nothing. A setting that is as it was costs no silence. What was accepted and
+//! not yet made when the session ends is not made.
+//!
 //! The haptic thread takes a change out of the ring, brings the force to zero within the slew limit, makes the change, and lets
 //! the force ramp up anew. It never waits, allocates or frees memory: what a change replaced goes back through a ring.
 
@@ -12,6 +15,7 @@ use palpate_body::SlipRule;
 use palpate_device::Capabilities;
 use palpate_engine::Contact;
 use rtrb::{Consumer, Producer, RingBuffer};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Changes under way at a time, at most.
@@ -26,8 +30,6 @@ pub(crate) enum Change {
     FrictionScale(f64),
     /// How the contact point slips.
     Slip(SlipRule),
-    /// Silence until further notice, or its end.
-    Pause(bool),
     /// Another body, with its first patch and a contact for it.
     Body(Box<BodyChange>),
 }
@@ -38,6 +40,8 @@ pub(crate) struct BodyChange {
     pub patch_holder: PatchHolder,
     pub contact: Contact,
     pub coupling: Option<Coupling>,
+    /// Tells the old body's finder that it is no longer asked.
+    pub retired: Arc<AtomicBool>,
 }
 
 /// Why a change was not made.
@@ -66,6 +70,8 @@ pub(crate) struct Inbox {
     changes: Consumer<Change>,
     used: Producer<Box<BodyChange>>,
     pending: Option<Change>,
+    paused: Arc<AtomicBool>,
+    was_paused: bool,
 }
 
 /// The callers' end; clones share it.
@@ -73,6 +79,7 @@ pub(crate) struct Inbox {
 pub struct Controls {
     ends: Arc<Mutex<Ends>>,
     limits: Arc<Limits>,
+    paused: Arc<AtomicBool>,
 }
 
 #[derive(Debug)]
@@ -93,17 +100,26 @@ struct Limits {
 pub(crate) fn controls(capabilities: Capabilities, safety: Safety, rate_hz: f64) -> (Controls, Inbox) {
     let (producer, changes) = RingBuffer::new(ROOM);
     let (used, back) = RingBuffer::new(ROOM);
-    let ends = Ends { changes: producer, used: back, safety };
+    let ends = Arc::new(Mutex::new(Ends { changes: producer, used: back, safety }));
     let limits = Arc::new(Limits { capabilities, rate_hz });
-    (Controls { ends: Arc::new(Mutex::new(ends)), limits }, Inbox { changes, used, pending: None })
+    let paused = Arc::new(AtomicBool::new(false));
+    let inbox = Inbox { changes, used, pending: None, paused: paused.clone(), was_paused: false };
+    (Controls { ends, limits, paused }, inbox)
 }
 
 impl Controls {
     /// The largest force, N, and how fast it may change, N/s (`None` for the slowest that lets a stop end in two periods).
     ///
     /// # Errors
-    /// What [`Safety::stages`] refuses; [`ControlError::Full`], [`ControlError::Over`].
+    /// More than the device was opened with, which its driver and its library hold to; what [`Safety::stages`] refuses;
+    /// [`ControlError::Full`], [`ControlError::Over`].
     pub fn set_force_limit(&self, force_max_n: f64, slew_n_per_s: Option<f64>) -> Result<(), ControlError> {
+        self.within_device(
+            "force_max_n",
+            force_max_n,
+            Some(self.limits.capabilities.max_force_n.value),
+            "N",
+        )?;
         self.set_limits(|safety| {
             (safety.force_max_n, safety.slew_n_per_s) = (Some(force_max_n), slew_n_per_s);
         })
@@ -118,17 +134,21 @@ impl Controls {
         torque_max_nm: f64,
         slew_nm_per_s: Option<f64>,
     ) -> Result<(), ControlError> {
+        let most = self.limits.capabilities.max_torque_nm.as_ref().map(|most| most.value);
+        self.within_device("torque_max_nm", torque_max_nm, most, "N·m")?;
         self.set_limits(|safety| {
             (safety.torque_max_nm, safety.torque_slew_nm_per_s) = (Some(torque_max_nm), slew_nm_per_s);
         })
     }
 
+    /// Under one lock, so that two callers' limits don't undo each other.
     fn set_limits(&self, change: impl FnOnce(&mut Safety)) -> Result<(), ControlError> {
-        let mut safety = self.with(|ends| ends.safety);
+        let mut ends = self.ends.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut safety = ends.safety;
         change(&mut safety);
         let stages = safety.stages(&self.limits.capabilities, self.limits.rate_hz)?;
-        self.send(Change::Limits { force: stages.force, torque: stages.torque })?;
-        self.with(|ends| ends.safety = safety);
+        ends.send(Change::Limits { force: stages.force, torque: stages.torque })?;
+        ends.safety = safety;
         Ok(())
     }
 
@@ -145,34 +165,47 @@ impl Controls {
         self.send(Change::FrictionScale(scale))
     }
 
-    /// No force from the next period on, within the slew limit, until [`Controls::resume`].
-    ///
-    /// # Errors
-    /// [`ControlError::Full`], [`ControlError::Over`].
-    pub fn pause(&self) -> Result<(), ControlError> {
-        self.send(Change::Pause(true))
+    /// No force from the next period on, within the slew limit, until [`Controls::resume`]. It waits for no other change.
+    pub fn pause(&self) {
+        self.paused.store(true, Ordering::Release);
     }
 
     /// Ends a pause: the force ramps up anew.
-    ///
-    /// # Errors
-    /// As [`Controls::pause`].
-    pub fn resume(&self) -> Result<(), ControlError> {
-        self.send(Change::Pause(false))
+    pub fn resume(&self) {
+        self.paused.store(false, Ordering::Release);
+    }
+
+    /// A limit above the device's own would do nothing.
+    fn within_device(
+        &self,
+        setting: &'static str,
+        asked: f64,
+        most: Option<f64>,
+        unit: &str,
+    ) -> Result<(), SafetyError> {
+        let (problem, hint) = match most {
+            Some(most) if asked > most => (
+                format!("{asked} {unit} is above the {most} {unit} that the device was opened with"),
+                "give no more, or start the session with a larger limit",
+            ),
+            None => ("the device drives no rotation".into(), "leave it out"),
+            Some(_) => return Ok(()),
+        };
+        Err(SafetyError { setting, problem, hint: hint.into() })
     }
 
     pub(crate) fn send(&self, change: Change) -> Result<(), ControlError> {
-        self.with(|ends| {
-            while ends.used.pop().is_ok() {}
-            if ends.changes.is_abandoned() {
-                return Err(ControlError::Over);
-            }
-            ends.changes.push(change).map_err(|_| ControlError::Full)
-        })
+        self.ends.lock().unwrap_or_else(PoisonError::into_inner).send(change)
     }
+}
 
-    fn with<T>(&self, what: impl FnOnce(&mut Ends) -> T) -> T {
-        what(&mut self.ends.lock().unwrap_or_else(PoisonError::into_inner))
+impl Ends {
+    fn send(&mut self, change: Change) -> Result<(), ControlError> {
+        while self.used.pop().is_ok() {}
+        if self.changes.is_abandoned() {
+            return Err(ControlError::Over);
+        }
+        self.changes.push(change).map_err(|_| ControlError::Full)
     }
 }
 
@@ -185,7 +218,20 @@ impl Inbox {
         if self.pending.is_none() {
             self.pending = self.changes.pop().ok();
         }
+        let paused = self.paused.load(Ordering::Acquire);
+        if paused != self.was_paused {
+            self.was_paused = paused;
+            if paused { haptics.stop() } else { haptics.resume() }
+        }
         let Some(change) = self.pending.take() else { return };
+        let nothing_new = match change {
+            Change::FrictionScale(scale) => scale == haptics.contact().friction_scale(),
+            Change::Slip(rule) => rule == haptics.contact().slip_rule(),
+            Change::Limits { .. } | Change::Body(_) => false,
+        };
+        if nothing_new {
+            return;
+        }
         haptics.hush();
         if !haptics.is_silent() {
             self.pending = Some(change);
@@ -195,11 +241,10 @@ impl Inbox {
             Change::Limits { force, torque } => haptics.set_limits(force, torque),
             Change::FrictionScale(scale) => haptics.contact_mut().set_friction_scale(scale),
             Change::Slip(rule) => haptics.contact_mut().set_slip_rule(rule),
-            Change::Pause(true) => haptics.stop(),
-            Change::Pause(false) => haptics.resume(),
             Change::Body(mut change) => {
                 std::mem::swap(patch_holder, &mut change.patch_holder);
                 haptics.replace_body(&mut change.contact, &mut change.coupling);
+                change.retired.store(true, Ordering::Release);
                 if let Err(rtrb::PushError::Full(change)) = self.used.push(change) {
                     // Freed memory may take a lock: rather kept for good. No more come back than were sent.
                     std::mem::forget(change);

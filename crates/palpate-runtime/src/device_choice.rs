@@ -114,12 +114,12 @@ pub enum ForceKey {
 }
 
 impl Drivers {
-    /// The driver of a vendor's device, not yet opened; its largest force is `max_force_n`. `None` for what is no vendor's,
+    /// The driver of a vendor's device, not yet opened; its largest force is `max_force_n`, or the device's own. `None` for what is no vendor's,
     /// and where the drivers were not built in.
-    pub fn driver(&self, choice: &DeviceChoice, max_force_n: f64) -> Option<Box<dyn Device>> {
+    pub fn driver(&self, choice: &DeviceChoice, max_force_n: Option<f64>) -> Option<Box<dyn Device>> {
         #[cfg(feature = "devices")]
         {
-            let (library, max_force_n) = (self.library.clone(), Some(max_force_n));
+            let library = self.library.clone();
             Some(match choice {
                 DeviceChoice::Dhd(index) => Box::new(Dhd::new(DhdOptions {
                     library,

@@ -1,7 +1,7 @@
 //! What is attached: every vendor's devices that can be opened now, and why the others can't.
 
+use crate::Opened;
 use crate::device_choice::{DeviceChoice, Drivers};
-use crate::{GENTLE_N, Opened};
 use palpate_device::Capabilities;
 
 /// How many devices of one kind are looked for.
@@ -27,7 +27,7 @@ pub struct Unreached {
     pub reason: String,
 }
 
-/// Opens whatever vendors' devices there are, one after the other, and closes each again before the next: no force is
+/// Opens the vendors' devices there are (of Haply's and 3D Systems' the first, which has no name), one after the other, and closes each again before the next: no force is
 /// commanded but zero.
 pub fn attached(drivers: &Drivers) -> (Vec<Attached>, Vec<Unreached>) {
     let (mut found, mut unreached) = (Vec::new(), Vec::new());
@@ -38,14 +38,14 @@ pub fn attached(drivers: &Drivers) -> (Vec<Attached>, Vec<Unreached>) {
     ];
     for kind in kinds {
         for choice in (0..MOST).map_while(kind) {
-            let Some(device) = drivers.driver(&choice, GENTLE_N) else { break };
+            let Some(device) = drivers.driver(&choice, None) else { break };
             match Opened::new(device) {
                 Ok(device) => {
                     let (capabilities, notes) = (device.capabilities().clone(), device.notes().to_vec());
                     found.push(Attached { choice, capabilities, notes });
                 }
-                // That there is no second one is no news.
-                Err(_) if matches!(choice, DeviceChoice::Dhd(Some(index)) if index > 0) => break,
+                // That there is no second one is no news, and one that is busy may stand before a third.
+                Err(_) if matches!(choice, DeviceChoice::Dhd(Some(index)) if index > 0) => {}
                 Err(error) => {
                     unreached.push(Unreached { choice, reason: error.to_string() });
                     break;

@@ -9,8 +9,8 @@ use crate::sampled_data::{in_series, passive_up_to};
 use crate::wall_clock::unix_now_s;
 use crate::{
     BodyFile, Coupling, CreateError, Finished, GENTLE_N, HapticLoop, Header, Opened, Prepared, RealTime,
-    Record, RecorderThread, Recording, RecordingFile, Report, Safety, SafetyError, Session, Settings,
-    StartError, Stopper, Summary, WorkspaceMap, patch_holder, path, ring,
+    Record, RecorderThread, Recording, RecordingFile, Records, Report, Safety, SafetyError, Session,
+    Settings, StartError, Stopper, Summary, WorkspaceMap, patch_holder, path, ring,
 };
 use anyhow::{Context, anyhow, bail};
 use glam::DVec3;
@@ -237,7 +237,7 @@ fn source(body: &dyn BodySource, config: &SessionConfig) -> Result<Source, Sessi
         }
         DeviceChoice::Replay(file) => replay(file, config.rate_hz)?,
         vendor => {
-            let device = config.drivers.driver(vendor, max_force_n).ok_or_else(|| {
+            let device = config.drivers.driver(vendor, Some(max_force_n)).ok_or_else(|| {
                 anyhow!("{vendor}: built without the drivers of vendors' devices; build with the feature `devices`")
             })?;
             Source { device, map: None, seconds: None, is_replay: false }
@@ -291,7 +291,7 @@ fn contact(model: &ContactModel, config: &SessionConfig) -> (Contact, SlipRule) 
 
 /// Prepares a body that is not too large for every slip rule, so that a session can go over to it: patches take along what is there
 /// when they are made. Whether they have what `consistent` reads.
-fn serves_any_rule(body: &dyn BodySource, rule: Option<SlipRule>) -> bool {
+pub(crate) fn serves_any_rule(body: &dyn BodySource, rule: Option<SlipRule>) -> bool {
     let chosen = rule.unwrap_or(body.model_header().slip()) == SlipRule::Consistent;
     (chosen || body.element_count() < STORED_FROM) && body.serves(SlipRule::Consistent).is_ok()
 }
@@ -311,6 +311,12 @@ fn stiffest(body: &dyn BodySource) -> palpate_body::Result<f64> {
     body.each_potential(&mut |p| stiffest.meet_coupled(p, range_m))?;
     body.each_tensor(&mut |a, u| stiffest.turn(&Principal::of(a, u)))?;
     Ok(stiffest.anywhere())
+}
+
+fn not_live() -> SessionError {
+    let problem = "a live session goes by the machine's clock".into();
+    let hint = "give `real`, or call run_virtual".into();
+    SafetyError { setting: "clock", problem, hint }.into()
 }
 
 /// What the device makes of a body that is this stiff: longer ways in the body than at the device make it stiffer there.
@@ -390,28 +396,33 @@ pub fn ablation_name(ablation: Ablation) -> &'static str {
 #[derive(Debug)]
 pub struct PreparedSession {
     session: Prepared,
+    records: Records,
+    header: Header,
     owned: Owned,
-    advice: Option<String>,
 }
 
 /// A session that runs. Dropped, it is stopped and waited for.
 #[derive(Debug)]
 pub struct LiveSession {
     session: Session,
+    recorder_thread: RecorderThread,
     owned: Owned,
 }
 
 /// What belongs to a session besides its threads.
 #[derive(Debug)]
 struct Owned {
-    recorder_thread: RecorderThread,
     capabilities: Capabilities,
     controls: Controls,
     body: SessionBody,
     config: SessionConfig,
     /// Whether patches have what the rule `consistent` reads.
     has_gradients: bool,
-    _memory: Option<MemoryLock>,
+    map: WorkspaceMap,
+    /// The slip rule that was asked for last.
+    rule: SlipRule,
+    notes: Vec<String>,
+    advice: Option<String>,
 }
 
 /// What became of a session.
@@ -419,7 +430,7 @@ struct Owned {
 pub struct Outcome {
     /// The device's name.
     pub device: String,
-    /// How the loop ended, and what the system refused.
+    /// How the loop ended.
     pub report: Report,
     /// Its statistics, and what was recorded.
     pub finished: Finished,
@@ -442,9 +453,7 @@ impl PreparedSession {
     ) -> Result<Self, SessionError> {
         config.check()?;
         if config.clock == ClockChoice::Virtual {
-            let problem = "a live session goes by the machine's clock".into();
-            let hint = "give `real`, or use a VirtualSession".into();
-            return Err(SafetyError { setting: "clock", problem, hint }.into());
+            return Err(not_live());
         }
         let source = source(&*body.source, &config)?;
         Self::with_source(body, source, config, memory)
@@ -461,6 +470,9 @@ impl PreparedSession {
         memory: Option<Result<MemoryLock, String>>,
     ) -> Result<Self, SessionError> {
         config.check()?;
+        if config.clock == ClockChoice::Virtual {
+            return Err(not_live());
+        }
         let source = Source { device, map: None, seconds: None, is_replay: false };
         Self::with_source(body, source, config, memory)
     }
@@ -483,49 +495,50 @@ impl PreparedSession {
         let (haptics, header) = haptic_loop(&*body.source, &body.file, &mut *device, map, safety, &config)?;
         let (recorder, records) = ring((RING_S * config.rate_hz) as usize);
         let has_gradients = serves_any_rule(&*body.source, config.slip);
+        let map = *haptics.map();
         let advice =
             if is_replay { None } else { too_stiff(&*body.source, haptics.map(), &capabilities, &config)? };
         let (controls, inbox) = controls(capabilities.clone(), safety, config.rate_hz);
         let mut settings = Settings {
             seconds: config.seconds.or(seconds),
             patch_elements: config.patch_elements,
-            real_time: RealTime {
-                // Its own, unless it has a share of another's.
-                lock_memory: config.real_time.lock_memory && memory.is_none(),
-                spin_s: config.real_time.spin_at(config.rate_hz),
-                ..config.real_time
-            },
+            real_time: RealTime { spin_s: config.real_time.spin_at(config.rate_hz), ..config.real_time },
             patience: config.patience,
             ..Settings::new(config.rate_hz)
         };
         if is_replay {
             settings.patience.pose_s = f64::INFINITY;
         }
-        let mut session =
-            Session::prepare_with(body.source.clone(), device, haptics, recorder, settings, Some(inbox))?;
-        let memory = memory.and_then(|shared| shared.map_err(|refused| session.note(refused)).ok());
+        let session = Session::prepare_with(
+            body.source.clone(),
+            device,
+            haptics,
+            recorder,
+            settings,
+            Some(inbox),
+            memory,
+        )?;
         if config.strict && !session.notes().is_empty() {
             let refused = session.notes().to_vec();
             return Err(SessionError::Strict { device: capabilities.name.to_string(), refused });
         }
-        let file = config.record.as_ref();
-        let header = Header { began_unix_s: unix_now_s(), ..header };
-        let file = file.map(|path| RecordingFile::create(path, false, &header)).transpose()?;
-        let recorder_thread = RecorderThread::start_with(records, file, config.rate_hz, config.history)
-            .map_err(StartError::from)?;
-        let owned =
-            Owned { recorder_thread, capabilities, controls, body, config, has_gradients, _memory: memory };
-        Ok(PreparedSession { session, owned, advice })
+        if let Some(path) = config.record.as_ref().filter(|path| path.exists()) {
+            return Err(CreateError::Exists(path.clone()).into());
+        }
+        let (rule, notes) =
+            (config.slip.unwrap_or(body.source.model_header().slip()), session.notes().to_vec());
+        let owned = Owned { capabilities, controls, body, config, has_gradients, map, rule, notes, advice };
+        Ok(PreparedSession { session, records, header, owned })
     }
 
     /// What could not be had, a line each: known before the first force.
     pub fn notes(&self) -> &[String] {
-        self.session.notes()
+        &self.owned.notes
     }
 
     /// What the hand should know of this device on this body before it touches it.
     pub fn advice(&self) -> Option<&str> {
-        self.advice.as_deref()
+        self.owned.advice.as_deref()
     }
 
     /// What the device can do.
@@ -538,12 +551,19 @@ impl PreparedSession {
         self.session.stopper()
     }
 
-    /// Starts the threads: from now on there are forces.
+    /// Begins the recording, if there is to be one, and starts the threads: from now on there are forces.
     ///
     /// # Errors
-    /// The system gives no thread. The device is closed then.
+    /// The recording can't be begun; the system gives no thread. The device is closed then.
     pub fn start(self) -> Result<LiveSession, SessionError> {
-        Ok(LiveSession { session: self.session.start()?, owned: self.owned })
+        let PreparedSession { session, records, header, owned } = self;
+        let config = &owned.config;
+        let header = Header { began_unix_s: unix_now_s(), ..header };
+        let file =
+            config.record.as_ref().map(|path| RecordingFile::create(path, false, &header)).transpose()?;
+        let recorder_thread = RecorderThread::start_with(records, file, config.rate_hz, config.history)
+            .map_err(StartError::from)?;
+        Ok(LiveSession { session: session.start()?, recorder_thread, owned })
     }
 }
 
@@ -556,6 +576,16 @@ impl LiveSession {
         PreparedSession::new(body.into(), config, None)?.start()
     }
 
+    /// What could not be had, a line each.
+    pub fn notes(&self) -> &[String] {
+        &self.owned.notes
+    }
+
+    /// What the hand should know of this device on this body.
+    pub fn advice(&self) -> Option<&str> {
+        self.owned.advice.as_deref()
+    }
+
     /// The latest period: poses, wrench, command, contact, energies, flags, times. `None` before the first. The haptic thread
     /// writes it in any case, and does not notice who reads.
     pub fn latest(&self) -> Option<Record> {
@@ -564,17 +594,17 @@ impl LiveSession {
 
     /// Periods of the past, as many a second as [`SessionConfig::history`] says, the oldest first.
     pub fn history(&self) -> Vec<Record> {
-        self.owned.recorder_thread.history()
+        self.recorder_thread.history()
     }
 
     /// Percentiles, counts and energies so far.
     pub fn summary(&self) -> Summary {
-        self.owned.recorder_thread.summary()
+        self.recorder_thread.summary()
     }
 
     /// What ended the recording early, once.
     pub fn recording_trouble(&self) -> Option<String> {
-        self.owned.recorder_thread.trouble()
+        self.recorder_thread.trouble()
     }
 
     /// What the device can do.
@@ -591,21 +621,24 @@ impl LiveSession {
     ///
     /// # Errors
     /// A body that began without what `consistent` reads: one of more than a million triangles, with another rule. As
-    /// [`Controls::pause`].
-    pub fn set_slip_rule(&self, rule: SlipRule) -> Result<(), ControlError> {
+    /// [`Controls::set_friction_scale`].
+    pub fn set_slip_rule(&mut self, rule: SlipRule) -> Result<(), ControlError> {
         if rule == SlipRule::Consistent && !self.owned.has_gradients {
             let words = "the body is too large to be prepared for `consistent` beside; start with that rule, and go over";
             return Err(ControlError::Body(words.into()));
         }
-        self.owned.controls.send(Change::Slip(rule))
+        self.owned.controls.send(Change::Slip(rule))?;
+        self.owned.rule = rule;
+        Ok(())
     }
 
-    /// Goes over to another body, through silence and the soft start. The map stays: a tool that is then inside the new body
-    /// feels nothing until it has left it.
+    /// Goes over to another body, through silence and the soft start. Map, slip rule and friction scale stay: a tool that is then
+    /// inside the new body feels nothing until it has left it. The ledger begins anew. [`LiveSession::advice`] is then of the
+    /// new body.
     ///
     /// # Errors
-    /// A recording is under way; the body can't be read, does not serve its slip rule, or has another tool than fits the
-    /// place; as [`Controls::pause`].
+    /// A recording is under way; the body can't be read, or does not serve the slip rule; as
+    /// [`Controls::set_friction_scale`].
     pub fn change_body(&mut self, body: impl Into<SessionBody>) -> Result<(), ControlError> {
         if self.owned.config.record.is_some() {
             return Err(ControlError::Recorded);
@@ -614,23 +647,26 @@ impl LiveSession {
         let config = &self.owned.config;
         let refused = |e: BodyError| ControlError::Body(e.to_string());
         let header = body.source.model_header();
-        let (contact, rule) = contact(header, config);
+        let rule = self.owned.rule;
+        let (contact, _) = contact(header, &SessionConfig { slip: Some(rule), ..config.clone() });
         body.source.serves(rule).map_err(refused)?;
-        let has_gradients = serves_any_rule(&*body.source, config.slip);
+        let has_gradients = serves_any_rule(&*body.source, Some(rule));
         let place = self.latest().map_or([0.0; 3], |record| record.tool_position_m);
         let place = if place.iter().all(|x| x.is_finite()) { place } else { [0.0; 3] };
         let (patch_holder, finder) =
             patch_holder(body.source.clone(), place, config.patch_elements).map_err(refused)?;
         let coupling = coupling(config, &*body.source).map_err(refused)?;
+        let map = &self.owned.map;
+        let advice = too_stiff(&*body.source, map, &self.owned.capabilities, config).map_err(refused)?;
         let follower = self.session.follow(finder).map_err(|e| ControlError::Body(e.to_string()))?;
-        if let Err(refused) =
-            self.owned.controls.send(Change::Body(Box::new(BodyChange { patch_holder, contact, coupling })))
-        {
+        let retired = self.session.retired();
+        let change = BodyChange { patch_holder, contact, coupling, retired };
+        if let Err(refused) = self.owned.controls.send(Change::Body(Box::new(change))) {
             follower.store(true, Ordering::Release);
             return Err(refused);
         }
-        self.session.retire(follower);
-        (self.owned.body, self.owned.has_gradients) = (body, has_gradients);
+        self.session.followed_by(follower);
+        (self.owned.body, self.owned.has_gradients, self.owned.advice) = (body, has_gradients, advice);
         Ok(())
     }
 
@@ -647,7 +683,7 @@ impl LiveSession {
     /// Waits for the end, and for the recording's.
     pub fn join(self) -> Outcome {
         let report = self.session.join();
-        let finished = self.owned.recorder_thread.finish(&report.end.to_string());
+        let finished = self.recorder_thread.finish(&report.end.to_string());
         Outcome {
             device: self.owned.capabilities.name.to_string(),
             report,

@@ -9,15 +9,47 @@ use std::sync::Arc;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RealTime {
-    /// Of SCHED_FIFO, 1 to 98; `None` asks for nothing.
+    /// Of SCHED_FIFO, 1 to 98; `None`, 0 in a file, asks for nothing.
+    #[serde(with = "priority")]
     pub priority: Option<u8>,
     /// Which core it has for its own, as far as that is this program's to say: the last of those that the program may use is
-    /// 0, the one before it 1. Threads side by side should be given different ones. `None` for whichever is free.
+    /// 0, the one before it 1. Threads side by side should be given different ones. `None`, −1 in a file, for whichever is free.
+    #[serde(with = "core_number")]
     pub core: Option<u32>,
     /// Whether the program is locked in RAM, but for the body: see [`MemoryLock`].
     pub lock_memory: bool,
     /// The last of the way to a deadline is busy-waited, s.
     pub spin_s: f64,
+}
+
+/// What is left out of a file is the default, so that nothing needs a number of its own.
+mod priority {
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub fn serialize<S: Serializer>(priority: &Option<u8>, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_u8(priority.unwrap_or(0))
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u8>, D::Error> {
+        Ok(Some(u8::deserialize(deserializer)?).filter(|priority| *priority > 0))
+    }
+}
+
+mod core_number {
+    use serde::{Deserialize, Deserializer, Serializer, de::Error};
+
+    pub fn serialize<S: Serializer>(core: &Option<u32>, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_i64(core.map_or(-1, i64::from))
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u32>, D::Error> {
+        match i64::deserialize(deserializer)? {
+            -1 => Ok(None),
+            core => u32::try_from(core)
+                .map(Some)
+                .map_err(|_| D::Error::custom(format!("core {core}; count from 0"))),
+        }
+    }
 }
 
 impl Default for RealTime {
@@ -93,13 +125,19 @@ impl MemoryLock {
     /// # Errors
     /// The system refuses: with what to do about it.
     pub fn new() -> Result<Self, String> {
+        let lock = MemoryLock(Arc::new(Locked));
+        // Given back at once if only a part of it could be had.
+        lock.extend().map(|()| lock)
+    }
+
+    /// Locks what has come since.
+    pub(crate) fn extend(&self) -> Result<(), String> {
         system::lock_memory().map_err(|refused| {
             format!(
                 "memory that stays in RAM was refused ({refused}): raise the limit on locked memory (`ulimit -l \
                  unlimited`, or memlock in /etc/security/limits.d)"
             )
-        })?;
-        Ok(MemoryLock(Arc::new(Locked)))
+        })
     }
 }
 

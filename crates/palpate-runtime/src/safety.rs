@@ -85,12 +85,14 @@ impl Safety {
     /// A setting that is NaN or infinite, or out of its range; a damping that the device's mass would not bear at this rate and
     /// with a velocity as old as it is; a slew limit at which a stop would take more than two periods.
     pub fn stages(&self, device: &Capabilities, rate_hz: f64) -> Result<Stages, SafetyError> {
-        within("rate_hz", rate_hz, 1.0, 1e5)?;
+        within("rate_hz", rate_hz, 1.0, 1e6)?;
         let period = 1.0 / rate_hz;
         let speed = within("speed_max_m_per_s", self.speed_max_m_per_s, 0.1, 1e3)?;
         let turn = within("turn_max_rad_per_s", self.turn_max_rad_per_s, 1.0, 1e5)?;
         let seconds = within("soft_start_s", self.soft_start_s, 0.0, 60.0)?;
-        let stale = within("stale_s", self.stale_s, period, 1e9)?;
+        // A slow loop can't know sooner.
+        let stale = if self.stale_s == STALE { STALE.max(2.0 * period) } else { self.stale_s };
+        let stale = within("stale_s", stale, period, 1e9)?;
         let silence = within("silence_s", self.silence_s.unwrap_or(LEFT_OUT * period), period, 1e9)?;
         let mass = device.mechanics.mass_kg.value;
         Ok(Stages {

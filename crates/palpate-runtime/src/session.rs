@@ -88,6 +88,8 @@ pub struct Report {
 #[derive(Debug, Default)]
 struct Shared {
     asked: AtomicBool,
+    /// Whether that was by an emergency stop.
+    emergency_asked: AtomicBool,
     by: OnceLock<&'static str>,
     finder_gone: AtomicBool,
     /// What it said when it went.
@@ -139,6 +141,7 @@ impl Stopper {
         if let Some(device) = &self.0.emergency {
             device.stop();
         }
+        self.0.emergency_asked.store(true, Ordering::Release);
         self.stop(by);
     }
 }
@@ -171,10 +174,10 @@ impl Session {
         recorder: Recorder,
         settings: Settings,
     ) -> Result<Prepared, StartError> {
-        Self::prepare_with(body, device, haptics, recorder, settings, None)
+        Self::prepare_with(body, device, haptics, recorder, settings, None, None)
     }
 
-    /// The same, steered through `inbox`.
+    /// The same, steered through `inbox`, and with a share of a memory lock, or why it was refused.
     pub(crate) fn prepare_with(
         body: Arc<dyn BodySource>,
         mut device: Opened,
@@ -182,14 +185,23 @@ impl Session {
         recorder: Recorder,
         settings: Settings,
         inbox: Option<Inbox>,
+        memory: Option<Result<MemoryLock, String>>,
     ) -> Result<Prepared, StartError> {
         body.serves(haptics.contact().slip_rule())?;
         // Where it is tells where the first patch should be; a device that doesn't know yet may be anywhere.
         let place = device.read(0.0).map_or([0.0; 3], |s| haptics.map().body_from_device(&s.pose).position_m);
         let place = if place.iter().all(|x| x.is_finite()) { place } else { [0.0; 3] };
         let mut notes = device.notes().to_vec();
-        let memory = settings.real_time.lock_memory.then(MemoryLock::new);
-        let memory = memory.and_then(|lock| lock.map_err(|refused| notes.push(refused)).ok());
+        let memory = match memory {
+            // What came since it was made: the vendor's library, the ring.
+            Some(shared) => shared.and_then(|lock| lock.extend().map(|()| lock)).map(Some),
+            None if settings.real_time.lock_memory => MemoryLock::new().map(Some),
+            None => Ok(None),
+        };
+        let memory = memory.unwrap_or_else(|refused| {
+            notes.push(refused);
+            None
+        });
         // It may be larger than memory.
         let _ = body.unlock_memory();
         let (patch_holder, finder) = patch_holder(body, place, settings.patch_elements)?;
@@ -218,16 +230,22 @@ impl Session {
         (written > 0).then(|| bytemuck::must_cast(words))
     }
 
-    /// Starts another finder's thread. It takes the place of the one there was with [`Session::retire`].
+    /// Starts another finder's thread. It takes the place of the one there was once the haptic thread has
+    /// gone over to its body: [`Session::followed_by`].
     pub(crate) fn follow(&self, finder: Finder) -> Result<Arc<AtomicBool>, StartError> {
         let retired = Arc::new(AtomicBool::new(false));
         spawn_finder(self.shared.clone(), retired.clone(), finder, self.pause, find)?;
         Ok(retired)
     }
 
-    /// Lets the finder's thread go that there was, for the one that [`Session::follow`] has started.
-    pub(crate) fn retire(&mut self, follower: Arc<AtomicBool>) {
-        std::mem::replace(&mut self.retired, follower).store(true, Ordering::Release);
+    /// What lets the present finder's thread go.
+    pub(crate) fn retired(&self) -> Arc<AtomicBool> {
+        self.retired.clone()
+    }
+
+    /// From now on the one that [`Session::follow`] has started is the present one.
+    pub(crate) fn followed_by(&mut self, follower: Arc<AtomicBool>) {
+        self.retired = follower;
     }
 
     /// Something to stop it with.
@@ -258,11 +276,6 @@ impl Prepared {
     /// that stays, a priority, a core).
     pub fn notes(&self) -> &[String] {
         &self.notes
-    }
-
-    /// One more.
-    pub(crate) fn note(&mut self, note: String) {
-        self.notes.push(note);
     }
 
     /// Something to stop it with, now and when it runs.
@@ -405,6 +418,9 @@ impl Haptic {
         let well = ended.is_ok();
         let end = match ended {
             Ok(Stop::Done) => End::Done,
+            Ok(Stop::Asked) if self.shared.emergency_asked.load(Ordering::Acquire) => {
+                End::Emergency(self.shared.by.get().copied().unwrap_or("an emergency stop"))
+            }
             Ok(Stop::Asked | Stop::Unstarted) => {
                 End::Asked(self.shared.by.get().copied().unwrap_or("it was stopped"))
             }

@@ -3,12 +3,14 @@
 use crate::{LiveSession, Outcome};
 use std::time::Duration;
 
-/// Between two looks at the sessions.
-const PAUSE: Duration = Duration::from_millis(5);
-
 /// Watches sessions; called from the thread that supervises them.
 pub trait Observer {
-    /// Every few milliseconds while session `index` runs.
+    /// Between two looks, 5 ms if nothing else is said.
+    fn pause(&self) -> Duration {
+        Duration::from_millis(5)
+    }
+
+    /// After each pause, while session `index` runs.
     fn look(&mut self, _index: usize, _session: &LiveSession) {}
 
     /// When it has ended. The others go on.
@@ -40,7 +42,7 @@ pub fn supervise(
             observer.look(index, session);
         }
         if running.iter().any(Option::is_some) {
-            std::thread::sleep(PAUSE);
+            std::thread::sleep(observer.pause());
         }
     }
     outcomes.into_iter().flatten().collect()

@@ -33,6 +33,8 @@ pub enum End {
     Ended,
     /// Somebody asked for it.
     Asked(&'static str),
+    /// An emergency stop: why.
+    Emergency(&'static str),
     /// The device: in its words.
     Device(String),
     /// The device's pose stayed the same for this long, s, by its own counter.
@@ -56,6 +58,7 @@ impl End {
             End::Done => "done",
             End::Ended => "ended",
             End::Asked(_) => "asked",
+            End::Emergency(_) => "emergency",
             End::Device(_) => "device",
             End::Stale(_) => "stale",
             End::Late(_) => "late",
@@ -77,7 +80,7 @@ impl fmt::Display for End {
         match self {
             End::Done => write!(f, "the time is over"),
             End::Ended => write!(f, "the device's poses are at their end"),
-            End::Asked(by) => write!(f, "{by}"),
+            End::Asked(by) | End::Emergency(by) => write!(f, "{by}"),
             End::Device(words) => write!(f, "{words}"),
             End::Stale(s) => write!(f, "the device has had no new pose for {s:.3} s"),
             End::Late(s) => {

@@ -189,6 +189,12 @@ fn virtual_time(args: &Args, config: &SessionConfig) -> Result<(), Failure> {
         &config.record.iter().collect::<Vec<_>>(),
         &args.inputs(std::slice::from_ref(config)),
     )?;
+    // An option is meant for this clock; a file's recording may be one that was made against the other.
+    if let Some(path) = config.record.as_ref().filter(|path| args.record.is_empty() && path.exists()) {
+        return Err(
+            anyhow!("record: {} is there already; name a Trace CSV with --record", path.display()).into()
+        );
+    }
     let body = Body::open(&args.body)?;
     let summary = match &config.record {
         None => run_virtual(&body, config, |_, _| Ok(()))?,

@@ -125,12 +125,14 @@ pub(super) fn configs(args: &Args) -> Result<Vec<SessionConfig>> {
     let mut configs = Vec::new();
     for (i, device) in devices.into_iter().enumerate() {
         let mut one = SessionConfig { device, ..config.clone() };
-        if let (DeviceChoice::Simulated(preset @ None), Some(given)) = (&mut one.device, &args.preset) {
+        if let (DeviceChoice::Simulated(preset), Some(given)) = (&mut one.device, &args.preset)
+            && (preset.is_none() || args.device.is_empty())
+        {
             *preset = Some(given.clone());
         }
         one.record = args.record.get(i).cloned().or(one.record);
         // A core for each haptic thread.
-        one.real_time.core = one.real_time.core.map(|core| core + i as u32);
+        one.real_time.core = one.real_time.core.map(|core| core.saturating_add(i as u32));
         one.check()?;
         configs.push(one);
     }
@@ -234,7 +236,8 @@ fn applies(args: &Args, devices: &[DeviceChoice], is_virtual: bool) -> Result<()
     let haply = has(|d| matches!(d, DeviceChoice::Haply(_)));
     let dhd = has(|d| matches!(d, DeviceChoice::Dhd(_)));
     let library = dhd || has(|d| matches!(d, DeviceChoice::OpenHaptics(_)));
-    let unnamed = has(|d| matches!(d, DeviceChoice::Simulated(None)));
+    let felt = has(|d| !matches!(d, DeviceChoice::Replay(_)));
+    let unnamed = has(|d| matches!(d, DeviceChoice::Simulated(None))) || args.device.is_empty() && simulated;
     let rules = [
         (
             "--preset",
@@ -253,6 +256,9 @@ fn applies(args: &Args, devices: &[DeviceChoice], is_virtual: bool) -> Result<()
             "it is for --device dhd and openhaptics",
         ),
         ("--without-device-watchdog", live.without_device_watchdog, dhd, "it is for --device dhd"),
+        ("--soft-start-s", live.soft_start_s.is_some(), felt, "nobody feels a replay"),
+        ("--silence-ms", live.silence_ms.is_some(), felt, "nobody feels a replay"),
+        ("--stale-ms", live.stale_ms.is_some(), felt, "the poses of a replay may stand still"),
         ("--priority", live.priority.is_some(), !is_virtual, "virtual time has no thread of its own"),
         ("--spin-us", live.spin_us.is_some(), !is_virtual, "virtual time waits for no clock"),
         ("--late-ms", live.late_ms.is_some(), !is_virtual, "nothing is late in virtual time"),

@@ -115,12 +115,18 @@ pub(super) fn connect(url: &str) -> Result<Socket, OpenError> {
     Err(silent(&tried))
 }
 
+/// How long a service may talk of other things before it says what there is.
+const INVENTORY: Duration = Duration::from_secs(5);
+
 /// The first message.
 pub(super) fn inventory(socket: &mut Socket, url: &str) -> Result<String, OpenError> {
+    let begun = Instant::now();
     loop {
         match socket.read() {
             Ok(Message::Text(text)) => return Ok(text.as_str().to_owned()),
-            Ok(_) => {}
+            // A peer that only pings would go on for ever.
+            Ok(_) if begun.elapsed() < INVENTORY => {}
+            Ok(_) => return Err(error(format!("{url} connects, but sends no inventory"), START)),
             Err(e) => return Err(error(format!("{url} connects, but sends no inventory: {e}"), START)),
         }
     }

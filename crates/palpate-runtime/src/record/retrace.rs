@@ -2,6 +2,7 @@
 
 use super::Record;
 use crate::ground::ready;
+use crate::live_session::serves_any_rule;
 use palpate_body::{BodyError, BodySource, ContactModel, Patch, Result};
 use palpate_engine::{Contact, Output};
 
@@ -14,12 +15,14 @@ pub struct Retrace<'a> {
     patch: Option<(u64, Patch)>,
     /// When the last step was, s.
     stepped_s: Option<f64>,
+    /// Whether the body was asked for what any rule reads, as a session does before its first patch.
+    is_prepared: bool,
 }
 
 impl<'a> Retrace<'a> {
     /// `contact` must be as the loop's was: new, with its slip rule and ablation.
     pub fn new(body: &'a dyn BodySource, contact: Contact) -> Self {
-        Retrace { body, contact, patch: None, stepped_s: None }
+        Retrace { body, contact, patch: None, stepped_s: None, is_prepared: false }
     }
 
     /// The contact as it is now.
@@ -38,6 +41,9 @@ impl<'a> Retrace<'a> {
     /// # Errors
     /// The body's file can't be read; it stays in its file, and the record is of a loop on the whole body.
     pub fn step(&mut self, record: &Record) -> Result<Option<Output>> {
+        if !std::mem::replace(&mut self.is_prepared, true) {
+            serves_any_rule(self.body, Some(self.contact.slip_rule()));
+        }
         self.go_over(record)?;
         if let Some(rule) = record.slip_rule() {
             if rule != self.contact.slip_rule() {
