@@ -19,6 +19,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         ..SessionConfig::default()
     };
     let session = LiveSession::start(body, config)?;
+    for told in session.notes().iter().map(String::as_str).chain(session.advice()) {
+        eprintln!("{told}");
+    }
     for frame in 0..120 {
         if frame == 60 {
             // Through silence: no force rises faster than the soft start.
