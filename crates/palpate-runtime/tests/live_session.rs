@@ -144,6 +144,9 @@ fn a_program_reads_steers_and_ends_its_session() {
     assert!(most.fold(0.0, f64::max) < 0.01 && slippery.friction_scale == 0.0);
     session.set_slip_rule(SlipRule::Exact).unwrap();
     when(&session, |r| is_steady(r) && r.slip_rule() == Some(SlipRule::Exact));
+    // What that rule reads came with the patch, though the body's own rule is another.
+    session.set_slip_rule(SlipRule::Consistent).unwrap();
+    when(&session, |r| is_steady(r) && r.slip_rule() == Some(SlipRule::Consistent));
 
     let history = session.history();
     assert!(
@@ -172,7 +175,8 @@ fn another_body_comes_through_silence() {
     let last = Arc::downgrade(&first);
     let (device, commands) = Pressed::new(true);
     let body = SessionBody { source: first, file: Default::default() };
-    let prepared = PreparedSession::with_device(body, device, config(), None).unwrap();
+    let config = SessionConfig { patch_elements: 200, ..config() };
+    let prepared = PreparedSession::with_device(body, device, config, None).unwrap();
     let mut session = prepared.start().unwrap();
     when(&session, is_steady);
     session.controls().set_friction_scale(0.2).unwrap();
