@@ -153,7 +153,7 @@ fn complaints_say_where() {
     directory.write("wrong.toml", "[device]\nmass_kg = 1e-6\n[[move]]\nkind = \"hold\"\nseconds = 1\n");
     refused("--intent wrong.toml --hand none --preset omega", 1, &["moving mass", "more mass"]);
     directory.write("wrong.toml", "[device]\ndelay_ms = 100\n[[move]]\nkind = \"hold\"\nseconds = 1\n");
-    refused("--intent wrong.toml", 1, &["64 periods", "--rate-hz"]);
+    refused("--intent wrong.toml", 1, &["64 periods", "rate_hz"]);
     assert_eq!(directory.run("run block.body --device nonsense").status.code(), Some(2));
     let help = directory.run("run --help");
     assert!(String::from_utf8_lossy(&help.stdout).contains("Examples:"));
