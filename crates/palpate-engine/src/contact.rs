@@ -836,6 +836,53 @@ mod tests {
     use super::*;
     use crate::sensitivity::tests::ball;
 
+    /// A moving tool's slip may end 10⁻⁴ of the limit away from it. What is left is gone once the tool rests, without c creeping.
+    #[test]
+    fn what_a_slip_left_is_gone_once_the_tool_rests() {
+        let body = ball(1.0);
+        left_at_rest::<Consistent>(&body, SlipRule::Consistent);
+        left_at_rest::<Exact>(&body, SlipRule::Exact);
+    }
+
+    fn left_at_rest<R: Rule>(body: &Body, rule: SlipRule) {
+        let mut contact = Contact::with_slip(body, rule, Ablation::None);
+        let at = |angle: f64, depth: f64| {
+            ToolState::at([libm::sin(angle) * (0.032 - depth), 0.0, libm::cos(angle) * (0.032 - depth)])
+        };
+        contact.step(body, &at(0.0, -1e-3), 1e-3);
+        let (mut left, mut last) = (0, DVec3::ZERO);
+        for k in 0..2200 {
+            let pose = at(5e-4 * f64::from(k), 1e-5 * f64::from(k.min(200)));
+            let see = |contact: &mut Contact| {
+                let o = contact.step(body, &pose, 1e-3);
+                let at = contact.touching().unwrap();
+                let mut kernel = ElementKernel::<Isotropic>::new(body, contact.setting, at.element);
+                let evaluation = kernel.evaluate(at.n, DVec3::from_array(pose.position_m));
+                let drive = R::drive(&mut kernel, at.n, &evaluation);
+                let excess = (drive.force - evaluation.limit) / evaluation.limit;
+                (evaluation.c, slip::within(&drive, &evaluation), excess, o.flags)
+            };
+            if k < 200 {
+                contact.step(body, &pose, 1e-3);
+                continue;
+            }
+            let (c, within, excess, flags) = see(&mut contact);
+            let stride = c.distance(last);
+            last = c;
+            if within || flags.has(Flags::BLOCKED) || k == 200 {
+                continue;
+            }
+            left += 1;
+            assert!(excess < 1.001 * slip::OF_LIMIT, "{rule:?} {k}: {excess} of the limit");
+            let mut resting = contact.clone();
+            see(&mut resting);
+            let (rest, within, excess, _) = see(&mut resting);
+            assert!(within, "{rule:?} {k}: {excess} of the limit is left");
+            assert!(rest.distance(c) < 0.01 * stride, "{rule:?} {k}: c crept by {}", rest.distance(c));
+        }
+        assert!(left > 3, "{rule:?}: only {left} slips left anything");
+    }
+
     /// On a spent budget the lateral force was cut to the limit even where the rule bounds another drive: off by all that
     /// W's slope along the surface takes from it, in one step.
     #[test]

@@ -101,6 +101,8 @@ struct Search<'s, 'a, L: ForceLaw, R> {
     evaluation: &'s mut Evaluation,
     /// The drive there.
     drive: Drive,
+    /// How far beyond the limit the drive was at first, N.
+    first_excess: f64,
     estimate: &'s mut ComplianceEstimate,
     budget: &'s mut Budget,
 }
@@ -117,8 +119,18 @@ pub(crate) fn slip<L: ForceLaw, R: Rule>(
     estimate: &mut ComplianceEstimate,
     budget: &mut Budget,
 ) -> (End, Drive) {
-    let mut search =
-        Search { rule: PhantomData::<R>, kernel, tool_position, at, evaluation, drive, estimate, budget };
+    let first_excess = drive.force - evaluation.limit;
+    let mut search = Search {
+        rule: PhantomData::<R>,
+        kernel,
+        tool_position,
+        at,
+        evaluation,
+        drive,
+        first_excess,
+        estimate,
+        budget,
+    };
     (search.run(), search.drive)
 }
 
@@ -145,10 +157,25 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
                     return End::Blocked;
                 }
             }
-            if within(&self.drive, self.evaluation) {
+            let excess = self.drive.force - self.evaluation.limit;
+            if excess <= self.tolerance() || self.drive.step_bound <= NO_DEFLECTION {
                 return End::Settled;
             }
         }
+    }
+
+    /// How near the limit the search may end, N: [`tolerance`], or what is small against both the limit and the excess that
+    /// the slip began with. On a fine mesh the first iterate mostly comes that near.
+    ///
+    /// The next step begins with what is left, so that nothing adds up, and a tool at rest settles to [`tolerance`]. The paper's
+    /// rule always does.
+    #[inline(always)]
+    fn tolerance(&self) -> f64 {
+        let least = tolerance(&self.drive, self.evaluation);
+        if R::LATERAL {
+            return least;
+        }
+        least.max((OF_EXCESS * self.first_excess).min(OF_LIMIT * self.evaluation.limit))
     }
 
     /// With the slope of the law itself, where the guess led nowhere.
@@ -264,7 +291,7 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
             {
                 return false;
             }
-            if now.abs() <= tolerance(&self.drive, self.evaluation) {
+            if now.abs() <= self.tolerance() {
                 // What is left would be closed by one more iterate: learn as if it had been.
                 if now.abs() < 0.1 * first {
                     self.estimate.learn((travelled + now * compliance) / first);
@@ -444,6 +471,12 @@ pub(crate) fn within(drive: &Drive, evaluation: &Evaluation) -> bool {
 
 /// A displacement below this is rounding, m.
 const NO_DEFLECTION: f64 = 1e-12;
+
+/// The part of a slip's first excess that may be left: the force's error falls with the tool's stride.
+const OF_EXCESS: f64 = 1e-3;
+
+/// The part of the limit that may be left, whatever the stride. The certificates' slip states reach as far.
+pub(crate) const OF_LIMIT: f64 = 1e-4;
 
 /// 10⁻⁶ of the limit, a micronewton of a newton, [`NO_DEFLECTION`], and the drive's rounding, N.
 #[inline]

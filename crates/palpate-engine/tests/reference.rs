@@ -204,6 +204,8 @@ fn drive_and_limit_are_the_rules() {
         let slow = Reference::new(&body, rule);
         let mut contact = Contact::new(&body).with_tank(false);
         for &x in &path {
+            let slipping = step(&mut contact, &body, x).flags.has(Flags::SLIPPING);
+            // A moving tool's slip may end 10⁻⁴ of the limit beyond or below it; at rest it is beyond no more.
             let output = step(&mut contact, &body, x);
             let Some(at) = output.contact else { continue };
             // On an edge the exact drive has two values.
@@ -217,10 +219,11 @@ fn drive_and_limit_are_the_rules() {
             let tolerance = if sort.is_coupled() && !exact { 5e-3 } else { 2e-6 } * (reading.limit + reading.fr);
             prop_assert!(excess <= tolerance + 1e-6, "{excess} over {}", reading.limit);
             // The exact rule may stop earlier, at an edge where the drive turns round.
-            if output.flags.has(Flags::SLIPPING) && reading.limit > 1e-6 && !exact {
-                prop_assert!(excess >= -tolerance - 1e-6, "slipped too far: {excess}");
+            if slipping && reading.limit > 1e-6 && !exact {
+                let least = -tolerance - 1e-4 * reading.limit - 1e-6;
+                prop_assert!(excess >= least, "slipped too far: {excess}");
             }
-            judged.add(format!("{rule:?}, {sort:?}"), u64::from(output.flags.has(Flags::SLIPPING)));
+            judged.add(format!("{rule:?}, {sort:?}"), u64::from(slipping));
         }
     });
     judged.demand(8, 50);

@@ -321,3 +321,27 @@ fn a_body_without_gradients_is_counted() {
     other.prepared_gradients();
     assert_eq!(counted(&other).0, 0);
 }
+
+/// Each step's first iterate ends on a chord of the surface, some 10⁻⁵ of the limit away from it, and a search down to 10⁻⁶
+/// evaluated the law once more for that.
+#[test]
+fn on_a_fine_mesh_a_slide_takes_little_more_than_one_evaluation_a_step() {
+    let stiffness = |p: DVec3| 600.0 * (1.0 + 0.2 * p.x / RADIUS);
+    let body = body_of(
+        Surface::build(&cylinder(RADIUS, 8e-3, 2400, 80), f64::INFINITY).unwrap(),
+        Material { kz: &stiffness, kr: &|_| 500.0, friction: &|_| 0.3, radius_m: 0.0 },
+    );
+    let mut contact = Contact::with_slip(&body, SlipRule::Consistent, Ablation::None);
+    let at = |angle: f64, r: f64| DVec3::new(r * libm::cos(angle), r * libm::sin(angle), 3e-4 * angle);
+    step(&mut contact, &body, at(0.0, RADIUS + 1e-3));
+    let (mut before, steps) = (0, 400);
+    for i in 0..2 * steps {
+        if i == steps {
+            before = contact.counters().evaluations;
+        }
+        let o = step(&mut contact, &body, at(1e-4 / 0.027 * f64::from(i), RADIUS - 3e-3));
+        assert!(i < steps || o.flags.has(Flags::SLIPPING), "{i}");
+    }
+    let each = (contact.counters().evaluations - before) as f64 / f64::from(steps);
+    assert!(each < 1.5, "{each} evaluations a step");
+}

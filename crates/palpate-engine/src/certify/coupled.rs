@@ -3,7 +3,7 @@
 //! derivatives by the motions of contact point and tool.
 
 use super::centred::Centred;
-use super::criteria::{BELOW, Criterion, lipschitz};
+use super::criteria::{Criterion, below, lipschitz};
 use super::drive::{NOISE, SINGLE};
 use super::interval::{Interval, IntervalVector, direction, flat, length};
 use super::patch::{Cell, ElementStates, View};
@@ -417,8 +417,9 @@ struct Slip {
     size: Interval,
     /// What the search takes for rounding of the drive, N.
     noise: f64,
-    /// |d| in slip, at least, N.
+    /// |d| in slip, at least, N, and as a part of the limit.
     least: f64,
+    below: f64,
 }
 
 impl Slip {
@@ -441,13 +442,14 @@ impl Slip {
         let rounding = Interval::around_zero(rounding);
         state.drive = state.drive.map(|x| x + rounding);
         state.miss = state.miss.map(|x| x + rounding);
-        let least = (state.limit.lo * BELOW - noise).max(0.0);
-        Slip { size: length(state.drive), state, noise, least }
+        let below = below(over.place.patch.slip);
+        let least = (state.limit.lo * below - noise).max(0.0);
+        Slip { size: length(state.drive), state, noise, least, below }
     }
 
     /// Whether a state of the cell can be within the limit.
     fn rests(&self) -> bool {
-        self.size.lo * BELOW - self.noise <= self.state.limit.hi
+        self.size.lo * self.below - self.noise <= self.state.limit.hi
     }
 }
 
@@ -510,7 +512,7 @@ pub(super) fn bound(
 /// The least g·t/(|d| + f_z⁺), t along P d or up to `aside` off it. With f = |d| + f_z⁺ and the share s =
 /// |d|/f that is s |P d|/|d| + (1 − s) û·t, whatever the forces' size, and what else g misses.
 fn passive(patch: &ElementStates, slip: &Slip) -> f64 {
-    let Slip { state, size, least, .. } = slip;
+    let Slip { state, size, least, below, .. } = slip;
     let [x, y, _] = state.drive;
     let t = direction([x, y]);
     let (sin, cos) = patch.aside.sin_cos();
@@ -518,7 +520,7 @@ fn passive(patch: &ElementStates, slip: &Slip) -> f64 {
     let size = Interval::new(size.lo.max(*least), size.hi);
     // In slip |d|/f_z is at least μ, nearly.
     let ratio = |d: f64, normal: f64| if d > 0.0 { d / (d + normal) } else { 0.0 };
-    let held = (state.friction.lo.max(0.0) * BELOW - slip.noise / normal.lo.max(1e-300)).max(0.0);
+    let held = (state.friction.lo.max(0.0) * below - slip.noise / normal.lo.max(1e-300)).max(0.0);
     let low = ratio(size.lo, normal.hi).max(held / (1.0 + held));
     let high = ratio(size.hi, normal.lo).max(low);
     let dip = t[0] * state.u[0] + t[1] * state.u[1];

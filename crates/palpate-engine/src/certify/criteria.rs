@@ -5,6 +5,8 @@
 use super::interval::{Interval, IntervalVector, applied, dot, length, scaled, sum};
 use super::law::Forces;
 use super::patch::{Cell, ElementStates, View};
+use crate::slip::OF_LIMIT;
+use palpate_body::SlipRule;
 
 /// A certificate's criterion: of each the least value over all slip states is sought.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,8 +28,10 @@ pub enum Criterion {
 /// proved to be one.
 const SLACK: f64 = 0.01;
 
-/// What drives within the slip search's tolerance of the limit are less or more than it: 10⁻⁶ of it, with some to spare.
-pub(super) const BELOW: f64 = 1.0 - 2e-6;
+/// What part of the limit a drive has at least where the slip search ends, with some to spare.
+pub(super) fn below(slip: SlipRule) -> f64 {
+    1.0 - if slip == SlipRule::Paper { 2e-6 } else { 1.1 * OF_LIMIT }
+}
 
 /// A cell's frame, and where the lateral deflection leads.
 pub(super) struct Frame {
@@ -176,9 +180,9 @@ pub(super) fn limit_reach(patch: &ElementStates, state: &Cell) -> f64 {
 
 /// f_r/f_z of the states in a cell that slip. `None` where none do.
 fn slipping(patch: &ElementStates, cell: &Cell, frame: &Frame) -> Option<Interval> {
-    let (n, step) = (&cell.corners, patch.step_m);
+    let (n, step, below) = (&cell.corners, patch.step_m, below(patch.slip));
     let Forces { normal, lateral, friction } = patch.law.forces(cell);
-    if normal.hi <= 0.0 || lateral.hi * frame.gain.hi < friction.lo * normal.lo * BELOW {
+    if normal.hi <= 0.0 || lateral.hi * frame.gain.hi < friction.lo * normal.lo * below {
         return None;
     }
     // The tool came from a state within the limit, no farther than a step away.
@@ -186,11 +190,11 @@ fn slipping(patch: &ElementStates, cell: &Cell, frame: &Frame) -> Option<Interva
     let around = [(shallow - step).max(0.0), deep + step];
     let held = patch.law.held(n, around);
     let before = (cell.reach_m[0] - step * patch.stretch()[1].sqrt()).max(0.0);
-    if patch.law.least_lateral(n, before) * frame.gain.lo * BELOW > held {
+    if patch.law.least_lateral(n, before) * frame.gain.lo * below > held {
         return None;
     }
     let quotient = |a: f64, b: f64| if a == 0.0 { 0.0 } else { a / b };
-    let low = quotient(lateral.lo, normal.hi).max(friction.lo.max(0.0) * BELOW / frame.gain.hi);
+    let low = quotient(lateral.lo, normal.hi).max(friction.lo.max(0.0) * below / frame.gain.hi);
     let high = quotient(lateral.hi, normal.lo);
     Some(Interval::new(low, high.max(low)))
 }

@@ -1,6 +1,6 @@
 //! Which states of a cell slip, under a drive that is more than the lateral force.
 
-use super::criteria::{BELOW, Frame};
+use super::criteria::{Frame, below};
 use super::drive::Drive;
 use super::interval::{Interval, IntervalVector, direction, flat, length};
 use super::law::Forces;
@@ -43,17 +43,18 @@ pub(super) fn slips(
     drive: &Drive,
 ) -> Option<[Option<Piece>; SHARES]> {
     let (friction, shares, count) = shares(patch, cell)?;
+    let below = below(patch.slip);
     let flatness = if patch.slip == SlipRule::Exact { 1.0 } else { frame.u[2].lo };
     let mut rests = false;
     let pieces = std::array::from_fn(|i| {
         let share = *shares.get(i).filter(|_| i < count)?;
         let (vector, miss) = drive.at(share);
         let (size, noise) = (length(vector), drive.noise_at(share));
-        let limit = (friction.lo.max(0.0) * (1.0 - share.hi) * BELOW - noise).max(0.0);
+        let limit = (friction.lo.max(0.0) * (1.0 - share.hi) * below - noise).max(0.0);
         if size.hi < limit {
             return None;
         }
-        rests |= can_rest(size, noise, friction, share);
+        rests |= can_rest(size * below, noise, friction, share);
         let along = [vector[0], vector[1]];
         let least = length(flat(vector)).lo.max(limit * flatness);
         Some(Piece { share, least, vector, miss, way: direction(along) })
@@ -62,9 +63,9 @@ pub(super) fn slips(
     (any && (rests || came_from_rest(patch, cell, view, frame))).then_some(pieces)
 }
 
-/// Whether a drive of this size, by the forces, can be within the limit.
+/// Whether a drive of this size, less the search's tolerance, by the forces, can be within the limit.
 fn can_rest(size: Interval, noise: f64, friction: Interval, share: Interval) -> bool {
-    size.lo * BELOW - noise <= friction.hi * (1.0 - share.lo)
+    size.lo - noise <= friction.hi * (1.0 - share.lo)
 }
 
 /// All states that a state of the cell can have been a step before; none where that is any. `lean` is û's
@@ -93,8 +94,10 @@ fn came_from_rest(patch: &ElementStates, cell: &Cell, view: &View, frame: &Frame
     let frame = Frame::new(patch, &view);
     let drive = Drive::new(patch, slopes, &before, &view, &frame);
     let Some((friction, shares, count)) = shares(patch, &before) else { return false };
-    let rests =
-        |&share: &Interval| can_rest(length(drive.at(share).0), drive.noise_at(share), friction, share);
+    let below = below(patch.slip);
+    let rests = |&share: &Interval| {
+        can_rest(length(drive.at(share).0) * below, drive.noise_at(share), friction, share)
+    };
     shares.iter().take(count).any(rests)
 }
 

@@ -274,7 +274,7 @@ fn cell<L: ForceLaw>(body: &Body, at: SurfacePoint, tool_position: DVec3) -> Opt
     (f.depth > 0.0 && reach > 1e-9).then_some((state, 1e-12 * f.lateral_slope / f.limit))
 }
 
-/// The search ends where the drive is within a millionth of the limit, on either side: the certificates left out those
+/// The search ends where the drive is within a small part of the limit, on either side: the certificates left out those
 /// below it, through which energy is counted like through the others.
 #[test]
 fn every_slip_of_the_engine_is_through_slip_states() {
