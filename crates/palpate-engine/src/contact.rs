@@ -836,7 +836,8 @@ mod tests {
     use super::*;
     use crate::sensitivity::tests::ball;
 
-    /// A moving tool's slip may end 10⁻⁴ of the limit away from it. What is left is gone once the tool rests, without c creeping.
+    /// A moving tool's slip may end 10⁻⁴ of the limit beyond it. That is gone once the tool rests, without
+    /// c creeping.
     #[test]
     fn what_a_slip_left_is_gone_once_the_tool_rests() {
         let body = ball(1.0);

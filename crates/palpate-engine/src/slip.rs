@@ -164,11 +164,11 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
         }
     }
 
-    /// How near the limit the search may end, N: [`tolerance`], or what is small against both the limit and the excess that
-    /// the slip began with. On a fine mesh the first iterate mostly comes that near.
+    /// How near the limit the search may end, N: [`tolerance`], or what is small against both the limit
+    /// and the excess that the slip began with. On a fine mesh the first iterate mostly comes that near.
     ///
-    /// The next step begins with what is left, so that nothing adds up, and a tool at rest settles to [`tolerance`]. The paper's
-    /// rule always does.
+    /// The next step begins with what is left: nothing adds up, and a tool at rest is soon within
+    /// [`tolerance`]. With the paper's rule it always is.
     #[inline(always)]
     fn tolerance(&self) -> f64 {
         let least = tolerance(&self.drive, self.evaluation);

@@ -322,8 +322,8 @@ fn a_body_without_gradients_is_counted() {
     assert_eq!(counted(&other).0, 0);
 }
 
-/// Each step's first iterate ends on a chord of the surface, some 10⁻⁵ of the limit away from it, and a search down to 10⁻⁶
-/// evaluated the law once more for that.
+/// Each step's first iterate ends on a chord of the surface, some 10⁻⁵ of the limit away from it, and a
+/// search down to 10⁻⁶ evaluated the law once more for that.
 #[test]
 fn on_a_fine_mesh_a_slide_takes_little_more_than_one_evaluation_a_step() {
     let stiffness = |p: DVec3| 600.0 * (1.0 + 0.2 * p.x / RADIUS);
