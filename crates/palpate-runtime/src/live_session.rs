@@ -484,6 +484,13 @@ impl PreparedSession {
         memory: Option<Result<MemoryLock, String>>,
     ) -> Result<Self, SessionError> {
         let Source { device, map, seconds, is_replay } = source;
+        // Before anything is opened; the file itself is made when the session starts.
+        if let Some(path) = &config.record {
+            if path.exists() {
+                return Err(CreateError::Exists(path.clone()).into());
+            }
+            files::check_target(path)?;
+        }
         let mut device = Opened::new(device)?;
         let capabilities = device.capabilities().clone();
         let mut safety = config.safety;
@@ -521,9 +528,6 @@ impl PreparedSession {
         if config.strict && !session.notes().is_empty() {
             let refused = session.notes().to_vec();
             return Err(SessionError::Strict { device: capabilities.name.to_string(), refused });
-        }
-        if let Some(path) = config.record.as_ref().filter(|path| path.exists()) {
-            return Err(CreateError::Exists(path.clone()).into());
         }
         let (rule, notes) =
             (config.slip.unwrap_or(body.source.model_header().slip()), session.notes().to_vec());

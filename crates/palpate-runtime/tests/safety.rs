@@ -191,8 +191,7 @@ fn no_force_and_no_step_above_the_limits_whatever_goes_wrong() {
     }
     println!("{tally:?}");
     // No device here is idle, none is asked for a torque, nobody changes a setting, and one flag is of older recordings.
-    let others =
-        [StageFlags::REPEATED, StageFlags::IDLE, StageFlags::TORQUE_DROPPED, StageFlags::CHANGING];
+    let others = [StageFlags::REPEATED, StageFlags::IDLE, StageFlags::TORQUE_DROPPED, StageFlags::CHANGING];
     for (name, flag) in StageFlags::NAMED.into_iter().filter(|(_, flag)| !others.contains(flag)) {
         println!("{name}: {}", tally.flags.of(flag));
         assert!(tally.flags.of(flag) > 100, "{name} hardly ever happened");
