@@ -118,7 +118,7 @@ fn a_panic_anywhere_brings_zero_force_before_a_word_is_written() {
     drop(read);
     assert_eq!(ended(session).end, End::Panic("the driver has a bug".into()));
 
-    // In another thread: the haptic thread ends in order, while that one still stands there.
+    // In another thread: the haptic thread closes the device, while that one still stands there.
     let (session, motors, seen, read) = pressing();
     let other = std::thread::spawn(|| panic!("another bug"));
     assert_eq!(seen.recv_timeout(Duration::from_secs(60)), Ok(0.0));
@@ -130,5 +130,5 @@ fn a_panic_anywhere_brings_zero_force_before_a_word_is_written() {
     assert!(!other.is_finished() && *motors.force.lock().unwrap() == DVec3::ZERO);
     drop(read);
     assert!(other.join().is_err());
-    assert_eq!(ended(session).end, End::Asked("a panic"));
+    assert_eq!(ended(session).end, End::Emergency("a panic"));
 }
