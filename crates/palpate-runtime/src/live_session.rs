@@ -263,7 +263,7 @@ pub(crate) fn haptic_loop(
         None => place.above_top(device, body)?,
     };
     let map = map.checked(device.capabilities())?;
-    let (contact, rule) = contact(model, config);
+    let rule = config.slip.unwrap_or(model.slip());
     let header = Header {
         program: concat!("palpate ", env!("CARGO_PKG_VERSION")).into(),
         rate_hz: config.rate_hz,
@@ -278,22 +278,21 @@ pub(crate) fn haptic_loop(
         map: map.into(),
         ..Header::default()
     };
-    Ok((HapticLoop::new(contact, map, stages), header))
+    Ok((HapticLoop::new(contact(model, rule, config), map, stages), header))
 }
 
-/// A contact as `config` wants it, and its slip rule.
-fn contact(model: &ContactModel, config: &SessionConfig) -> (Contact, SlipRule) {
-    let rule = config.slip.unwrap_or(model.slip());
+/// A contact that slips by this rule, and is else as `config` wants it.
+fn contact(model: &ContactModel, rule: SlipRule, config: &SessionConfig) -> Contact {
     let mut contact = Contact::on(model, rule, config.ablation).with_tank(model.has_tank() && config.tank);
     contact.set_friction_scale(config.friction_scale);
-    (contact, rule)
+    contact
 }
 
 /// Prepares a body that is not too large for every slip rule, so that a session can go over to it: patches take along what is there
-/// when they are made. Whether they have what `consistent` reads.
-pub(crate) fn serves_any_rule(body: &dyn BodySource, rule: Option<SlipRule>) -> bool {
-    let chosen = rule.unwrap_or(body.model_header().slip()) == SlipRule::Consistent;
-    (chosen || body.element_count() < STORED_FROM) && body.serves(SlipRule::Consistent).is_ok()
+/// when they are made; a larger one only for the `rule` that it begins with. Whether they have what `consistent` reads.
+pub(crate) fn serves_any_rule(body: &dyn BodySource, rule: SlipRule) -> bool {
+    (rule == SlipRule::Consistent || body.element_count() < STORED_FROM)
+        && body.serves(SlipRule::Consistent).is_ok()
 }
 
 fn coupling(config: &SessionConfig, body: &dyn BodySource) -> palpate_body::Result<Option<Coupling>> {
@@ -313,10 +312,15 @@ fn stiffest(body: &dyn BodySource) -> palpate_body::Result<f64> {
     Ok(stiffest.anywhere())
 }
 
-fn not_live() -> SessionError {
-    let problem = "a live session goes by the machine's clock".into();
-    let hint = "give `real`, or call run_virtual".into();
-    SafetyError { setting: "clock", problem, hint }.into()
+/// Whether a session against the machine's clock can have these settings.
+fn check_live(config: &SessionConfig) -> Result<(), SafetyError> {
+    config.check()?;
+    if config.clock == ClockChoice::Virtual {
+        let problem = "a live session goes by the machine's clock".into();
+        let hint = "give `real`, or call run_virtual".into();
+        return Err(SafetyError { setting: "clock", problem, hint });
+    }
+    Ok(())
 }
 
 /// What the device makes of a body that is this stiff: longer ways in the body than at the device make it stiffer there.
@@ -451,10 +455,7 @@ impl PreparedSession {
         config: SessionConfig,
         memory: Option<Result<MemoryLock, String>>,
     ) -> Result<Self, SessionError> {
-        config.check()?;
-        if config.clock == ClockChoice::Virtual {
-            return Err(not_live());
-        }
+        check_live(&config)?;
         let source = source(&*body.source, &config)?;
         Self::with_source(body, source, config, memory)
     }
@@ -469,10 +470,7 @@ impl PreparedSession {
         config: SessionConfig,
         memory: Option<Result<MemoryLock, String>>,
     ) -> Result<Self, SessionError> {
-        config.check()?;
-        if config.clock == ClockChoice::Virtual {
-            return Err(not_live());
-        }
+        check_live(&config)?;
         let source = Source { device, map: None, seconds: None, is_replay: false };
         Self::with_source(body, source, config, memory)
     }
@@ -501,10 +499,9 @@ impl PreparedSession {
         }
         let (haptics, header) = haptic_loop(&*body.source, &body.file, &mut *device, map, safety, &config)?;
         let (recorder, records) = ring((RING_S * config.rate_hz) as usize);
-        let has_gradients = serves_any_rule(&*body.source, config.slip);
-        let map = *haptics.map();
-        let advice =
-            if is_replay { None } else { too_stiff(&*body.source, haptics.map(), &capabilities, &config)? };
+        let (map, rule) = (*haptics.map(), haptics.contact().slip_rule());
+        let has_gradients = serves_any_rule(&*body.source, rule);
+        let advice = if is_replay { None } else { too_stiff(&*body.source, &map, &capabilities, &config)? };
         let (controls, inbox) = controls(capabilities.clone(), safety, config.rate_hz);
         let mut settings = Settings {
             seconds: config.seconds.or(seconds),
@@ -529,8 +526,7 @@ impl PreparedSession {
             let refused = session.notes().to_vec();
             return Err(SessionError::Strict { device: capabilities.name.to_string(), refused });
         }
-        let (rule, notes) =
-            (config.slip.unwrap_or(body.source.model_header().slip()), session.notes().to_vec());
+        let notes = session.notes().to_vec();
         let owned = Owned { capabilities, controls, body, config, has_gradients, map, rule, notes, advice };
         Ok(PreparedSession { session, records, header, owned })
     }
@@ -652,9 +648,9 @@ impl LiveSession {
         let refused = |e: BodyError| ControlError::Body(e.to_string());
         let header = body.source.model_header();
         let rule = self.owned.rule;
-        let (contact, _) = contact(header, &SessionConfig { slip: Some(rule), ..config.clone() });
+        let contact = contact(header, rule, config);
         body.source.serves(rule).map_err(refused)?;
-        let has_gradients = serves_any_rule(&*body.source, Some(rule));
+        let has_gradients = serves_any_rule(&*body.source, rule);
         let place = self.latest().map_or([0.0; 3], |record| record.tool_position_m);
         let place = if place.iter().all(|x| x.is_finite()) { place } else { [0.0; 3] };
         let (patch_holder, finder) =

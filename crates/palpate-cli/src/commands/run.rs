@@ -3,7 +3,7 @@
 use super::Failure;
 use super::run_options::{self, LiveArgs};
 use crate::{console, live};
-use anyhow::{Result, anyhow, bail};
+use anyhow::anyhow;
 use palpate_body::Body;
 use palpate_device::presets;
 use palpate_files as files;
@@ -268,9 +268,4 @@ impl From<Where> for BodyIn {
             Where::File => BodyIn::File,
         }
     }
-}
-
-/// Something given that has no use here.
-pub(super) fn refuse(option: &str, why: &str) -> Result<()> {
-    bail!("{option}: {why}; leave it out")
 }

@@ -1,6 +1,6 @@
 //! The options of `palpate run` as a configuration of its sessions.
 
-use super::run::{Args, Where, refuse};
+use super::run::{Args, Where};
 use anyhow::{Result, bail};
 use palpate_runtime::{ClockChoice, DeviceChoice, ForceKey, SessionConfig};
 use std::path::PathBuf;
@@ -273,7 +273,7 @@ fn applies(args: &Args, devices: &[DeviceChoice], is_virtual: bool) -> Result<()
         ("--body-in", live.body_in.is_some(), !is_virtual, "virtual time steps on the whole body"),
     ];
     match rules.into_iter().find(|(_, given, applies, _)| *given && !applies) {
-        Some((option, _, _, why)) => refuse(option, why),
+        Some((option, _, _, why)) => bail!("{option}: {why}; leave it out"),
         None => Ok(()),
     }
 }

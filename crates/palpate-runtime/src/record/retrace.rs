@@ -42,7 +42,7 @@ impl<'a> Retrace<'a> {
     /// The body's file can't be read; it stays in its file, and the record is of a loop on the whole body.
     pub fn step(&mut self, record: &Record) -> Result<Option<Output>> {
         if !std::mem::replace(&mut self.is_prepared, true) {
-            serves_any_rule(self.body, Some(self.contact.slip_rule()));
+            serves_any_rule(self.body, self.contact.slip_rule());
         }
         self.go_over(record)?;
         if let Some(rule) = record.slip_rule() {
