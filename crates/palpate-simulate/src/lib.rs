@@ -30,5 +30,5 @@ pub use error::{Result, SimulateError};
 pub use material::Material;
 pub use mesh::TetMesh;
 pub use model::{Fixed, Model};
-pub use path::{Contact, Drag, Path, PointPaths, PointPlan, State, Stop};
+pub use path::{Contact, Drag, FreePlan, FreePose, Path, PointPaths, PointPlan, State, Stop, StuckTangent};
 pub use tool::RigidTool;

@@ -1,10 +1,13 @@
 //! What is asked of a simulation at one point of the surface, and what comes of it.
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 /// How the tool holds the body while it presses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Contact {
+    /// What comes into contact is caught on the tool where it touches, from first touch on: friction without limit. The
+    /// forces of such a history have a potential.
+    Sticking,
     /// Pressing, the surface slides freely along the tool and may leave it. Dragging, what is pressed to the tool
     /// sticks.
     Frictionless,
@@ -70,10 +73,45 @@ pub struct State {
     pub torque_n_m: DVec3,
     /// Of the surface at rest that touches, m².
     pub patch_m2: f64,
+    /// Pressures over the patch, whatever their directions, N: times μ what friction can hold.
+    pub pressed_n: f64,
+    /// The share of that whose points slip, 0 to 1.
+    pub slipping: f64,
+    /// Of pressed states: what the wrench gains when the tool moves a little with the contact frozen.
+    pub tangent: Option<Box<StuckTangent>>,
+    /// Whether the energy curves downwards somewhere: an equilibrium, but no minimum.
+    pub indefinite: bool,
     /// Displacement of each node of the mesh's boundary, in the order of [`crate::mesh::Boundary::nodes`], m.
     pub displacement_m: Vec<[f32; 3]>,
     /// Newton steps spent on it.
     pub iterations: u32,
+}
+
+/// Rows: force (x, y, z) and torque about the tip, on the body. Columns: translation, and rotation about the tip (its
+/// vector in radians). In the body's axes; N/m, N, N m. Symmetric, as the Hessian of an energy is.
+pub type StuckTangent = [[f64; 6]; 6];
+
+/// Any path of the tool, touching or not, with Coulomb friction.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FreePlan {
+    /// On the surface at rest, m.
+    pub point: DVec3,
+    /// Unit vector u^z into the body, along which the tool points at first.
+    pub inward: DVec3,
+    /// Each is a state of the result.
+    pub poses: Vec<FreePose>,
+    /// Coefficient over depth (m), linear between the rows and constant beyond them; none is no friction. Depth is that of
+    /// the pose, along `inward`.
+    pub friction: Vec<(f64, f64)>,
+}
+
+/// Where the tool goes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FreePose {
+    /// Of the tip, from where the tool first touches when it comes along `inward` through the point, m.
+    pub offset: DVec3,
+    /// From the orientation in which it points along `inward`.
+    pub rotation: DQuat,
 }
 
 /// Why a path ended before its last state.

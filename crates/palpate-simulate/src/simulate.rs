@@ -50,7 +50,7 @@ impl Model {
         let surface = self.entry(plan);
         let start = Placement::pressing(surface, plan.inward);
         let walker = match contact {
-            Contact::Frictionless => {
+            Contact::Sticking | Contact::Frictionless => {
                 let solver = Solver::new(self, self.held.clone());
                 LoadStepper::new(solver, Load::Tool(Box::new(ToolContact::new(self, tool, start))), start.tip)
             }
@@ -408,6 +408,7 @@ impl<'m, 't> LoadStepper<'m, 't> {
             patch_m2,
             displacement_m: displacement_m.collect(),
             iterations,
+            ..State::default()
         }
     }
 
