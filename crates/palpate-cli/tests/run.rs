@@ -72,6 +72,7 @@ impl PointSolver for Fake {
                 .map(|i| [depth as f32 * (i as f32).sin(), distance as f32, 1e-4 * (i as f32).cos()])
                 .collect(),
             iterations: 3,
+            ..State::default()
         };
         let stop = |at_m| Some(Stop { at_m, why: "an element inverted".into() });
         let reached = match point.node % 7 {
@@ -101,19 +102,21 @@ fn plan() -> PathsPlan {
         spec_name: "ball.toml".into(),
         spec: SPEC.into(),
         inputs: BTreeMap::from([("ball.msh".to_string(), "0".repeat(64))]),
+        ..PathsPlan::default()
     }
 }
 
 fn prepared(pause: Duration) -> Prepared<Fake> {
-    let spec = Spec::parse(Path::new("ball.toml"), SPEC.into()).unwrap();
-    let simulation = spec.simulation(Path::new("ball.toml")).unwrap();
+    let path = Path::new("ball.toml");
+    let spec = Spec::parse(path, SPEC.into()).unwrap();
+    let simulation = spec.simulation_by_default(path, "frictionless").unwrap();
     let triangles = Shape::Sphere { radius_mm: 30.0 }.mesh(Resolution::default()).unwrap();
     let surface = assemble::surface(&spec, &triangles).unwrap();
     let every = surface.positions().len() / POINTS;
     let points = (0..POINTS).map(|i| {
         let node = i * every;
         let (p, u) = (surface.positions()[node], surface.inward_normals()[node]);
-        TestPoint { node: node as u32, plan: prepare::point_plan(&simulation, p, u) }
+        TestPoint { node: node as u32, plan: prepare::point_plan(&simulation, p, u, true) }
     });
     let points = points.collect();
     let nodes = triangles.positions.len();
@@ -312,6 +315,10 @@ fn what_changed_is_named_and_nothing_is_lost() {
         (
             PathsPlan { inputs: [("ball.msh".to_string(), "1".repeat(64))].into(), ..plan() },
             "the file ball.msh",
+        ),
+        (
+            PathsPlan { machine: Some("x86-64-v9".into()), ..plan() },
+            "(unknown, now x86-64-v9) is another than when this run was begun; go on with it on a machine of that kind",
         ),
     ];
     for (plan, what) in changed {

@@ -22,6 +22,9 @@ pub struct PointRecord {
     pub inward: DVec3,
     /// Depth (m, ascending, positive) and force on the body (N).
     pub press: Vec<(f64, DVec3)>,
+    /// Depth (m) of pressed states, and how the force on the body changes there with a small motion of the tool that sticks,
+    /// N/m: symmetric, in the body's axes.
+    pub stiffness: Vec<(f64, DMat3)>,
     /// Drags from pressed states.
     pub drags: Vec<DragRecord>,
     /// Why a path ended early, if one did.
@@ -219,7 +222,7 @@ fn apply_prior(
     notes.push(format!("blends follow the compliance prior: the normal force goes as its power {power:.2}"));
 }
 
-fn check(r: usize, record: &PointRecord, surface: &Surface) -> Result<(), FitError> {
+pub(crate) fn check(r: usize, record: &PointRecord, surface: &Surface) -> Result<(), FitError> {
     let place = |of: &str| format!("record {r} (node {}){of}", record.node);
     let bad = |place: String, problem: String| {
         Err(FitError::invalid(place, problem, "this is a mistake of the simulation: report it"))
@@ -251,6 +254,11 @@ fn check(r: usize, record: &PointRecord, surface: &Surface) -> Result<(), FitErr
             last = *at;
         }
     }
+    if let Some((at, k)) =
+        record.stiffness.iter().find(|(at, k)| !(*at > 0.0 && *at <= 10.0 && k.is_finite()))
+    {
+        return bad(place(", stiffness"), format!("at {at} m it is {k} N/m"));
+    }
     Ok(())
 }
 
@@ -274,7 +282,7 @@ fn distances<'a>(records: &'a [&PointRecord], anisotropic: bool) -> impl Iterato
     rows.chain((anisotropic && end > 0.0).then_some(1.2 * end))
 }
 
-fn friction(rows: &[(f64, f64)], knots: &[f64]) -> Result<Curve, FitError> {
+pub(crate) fn friction(rows: &[(f64, f64)], knots: &[f64]) -> Result<Curve, FitError> {
     let bad = |problem: String| {
         Err(FitError::invalid(
             "friction",

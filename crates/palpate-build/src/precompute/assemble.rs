@@ -2,12 +2,16 @@
 
 use super::stops;
 use crate::paths_file::PathsRecord;
-use crate::spec::{Friction, Geometry, Spec};
+use crate::spec::{Friction, Geometry, Law, Spec};
 use anyhow::{Result, anyhow, bail};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use palpate_body::shape::Shape;
-use palpate_body::{Body, BodyParts, Provenance, Surface, TriangleMesh};
-use palpate_identify::{DragRecord, FitReport, PathOptions, PointRecord, fit_paths};
+use palpate_body::{
+    BlendWeights, Body, BodyParts, CoupledLaw, Provenance, Response, Surface, Tensor, TriangleMesh,
+};
+use palpate_identify::{
+    CoupledOptions, DragRecord, FitReport, PathOptions, PointRecord, fit_coupled, fit_paths,
+};
 use palpate_simulate::PointPaths;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -53,7 +57,9 @@ pub fn surface(spec: &Spec, mesh: &TriangleMesh) -> palpate_body::Result<Surface
 pub fn body(record: &PathsRecord) -> Result<Assembled> {
     let name = Path::new(&record.plan.spec_name);
     let spec = Spec::parse(name, record.plan.spec.clone())?;
-    let simulation = spec.simulation(name)?;
+    // Files of version 1 are from a time when the surface slid along the tool where a spec said nothing.
+    let contact = record.plan.contact.as_deref().unwrap_or("frictionless");
+    let simulation = spec.simulation_by_default(name, contact)?;
     let in_spec = |e: palpate_body::BodyError| e.in_file(name);
     let Some(scene) = &record.scene else { bail!("the record has no surface; give that of a whole run") };
     let surface = surface(&spec, &scene.surface).map_err(in_spec)?;
@@ -80,28 +86,66 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
             vec![(0.0, FRICTION)]
         }
     };
-    let compliance_prior = Some(scene.guide_n_per_m.clone());
-    let options = PathOptions { friction, compliance_prior, ..PathOptions::default() };
-    let fitted = fit_paths(&surface, &records, &options).map_err(|e| anyhow!("{}: {e}", name.display()))?;
+    let in_fit = |e: palpate_identify::FitError| anyhow!("{}: {e}", name.display());
     notes.extend(told.iter().take(TOLD).cloned());
     if told.len() > TOLD {
         notes.push(format!("{} further paths ended early", told.len() - TOLD));
     }
-    notes.extend(fitted.fit.report.notes.iter().cloned());
+    let mut provenance = provenance(record, notes);
+    let (fitted, report) = match simulation.law {
+        Law::Coupled => {
+            let options = CoupledOptions { friction, range_m: Some(simulation.deflection.lateral_max_m) };
+            let fitted = fit_coupled(&surface, &records, &options).map_err(in_fit)?;
+            provenance.potential_errors = fitted.errors;
+            let law = Fitted {
+                blends: fitted.blends,
+                responses: Vec::new(),
+                test_point_nodes: fitted.test_point_nodes,
+                coupled: Some(fitted.law),
+                lateral_tensors: None,
+            };
+            (law, fitted.report)
+        }
+        Law::Decoupled => {
+            let compliance_prior = Some(scene.guide_n_per_m.clone());
+            let options = PathOptions { friction, compliance_prior, ..PathOptions::default() };
+            let fitted = fit_paths(&surface, &records, &options).map_err(in_fit)?;
+            provenance.point_errors = fitted.errors;
+            let law = Fitted {
+                blends: fitted.fit.blends,
+                responses: fitted.fit.responses,
+                test_point_nodes: fitted.fit.test_point_nodes,
+                coupled: None,
+                lateral_tensors: Some(fitted.lateral_tensors),
+            };
+            (law, fitted.fit.report)
+        }
+    };
+    provenance.notes.extend(report.notes.iter().cloned());
+    let Fitted { blends, responses, test_point_nodes, coupled, lateral_tensors } = fitted;
     let body = Body::new(BodyParts {
         surface,
-        blends: fitted.fit.blends,
-        responses: fitted.fit.responses,
-        test_point_nodes: fitted.fit.test_point_nodes,
-        coupled: None,
-        lateral_tensors: Some(fitted.lateral_tensors),
+        blends,
+        responses,
+        test_point_nodes,
+        coupled,
+        lateral_tensors,
         tool: simulation.tool.of_body(),
         slip: spec.slip,
         tank: spec.tank,
-        provenance: Provenance { point_errors: fitted.errors, ..provenance(record, notes) },
+        provenance,
     })
     .map_err(in_spec)?;
-    Ok(Assembled { body, report: fitted.fit.report, stops: told })
+    Ok(Assembled { body, report, stops: told })
+}
+
+/// A law of either kind.
+struct Fitted {
+    blends: Vec<BlendWeights>,
+    responses: Vec<Response>,
+    test_point_nodes: Vec<u32>,
+    coupled: Option<CoupledLaw>,
+    lateral_tensors: Option<Vec<Tensor>>,
 }
 
 /// What is the same however the run was divided: no outputs, jobs, shards.
@@ -116,7 +160,7 @@ fn provenance(record: &PathsRecord, notes: Vec<String>) -> Provenance {
         spec: Some(plan.spec.clone()),
         inputs,
         notes,
-        point_errors: Vec::new(),
+        ..Provenance::default()
     }
 }
 
@@ -134,10 +178,17 @@ fn point_record(
         Some(DragRecord { depth_m, direction: drag.direction, rows })
     });
     let all = std::iter::once(&paths.press).chain(&paths.drags);
+    let stiffness = paths.press.states.iter().filter_map(|s| {
+        let rows = s.tangent.as_ref()?;
+        // Forces by translations.
+        let column = |c: usize| DVec3::new(rows[0][c], rows[1][c], rows[2][c]);
+        Some((s.depth_m, DMat3::from_cols(column(0), column(1), column(2))))
+    });
     PointRecord {
         node,
         inward,
         press: paths.press.states.iter().map(|s| (s.depth_m, s.force_n)).collect(),
+        stiffness: stiffness.collect(),
         drags: drags.collect(),
         stopped: all.into_iter().find_map(|p| p.stopped.as_ref()).map(|s| s.why.clone()),
     }

@@ -12,7 +12,7 @@ use glam::DVec3;
 use palpate_body::Surface;
 use palpate_files as files;
 use palpate_files::Table;
-use palpate_identify::{Amount, test_points, touchable};
+use palpate_identify::{Amount, spread_among, test_points, touchable};
 use palpate_simulate::material::{self, Bulk};
 use palpate_simulate::mesh::check::check;
 use palpate_simulate::path::tangents;
@@ -50,6 +50,8 @@ pub fn plan(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<PathsPl
         spec_name: name,
         spec: spec.text.clone(),
         inputs,
+        contact: Some(simulation.contact.name().into()),
+        machine: Some(palpate_simulate::instruction_set().into()),
     })
 }
 
@@ -158,13 +160,16 @@ pub fn prepare(
     let radius_m = super::volume::tool_radius(simulation)?;
     let compliance_prior = compliance_prior(solver.model(), &surface, named, radius_m, cancelled);
     go_on("the search for the stiffness at rest")?;
-    let nodes = choose(simulation, &surface, &held, &compliance_prior, path, &mut notes)?;
+    let open = touchable(&surface, &held, margin(simulation)?)?;
+    let nodes = choose(simulation, &surface, &held, &open, &compliance_prior, path, &mut notes)?;
+    let dragged = spread_among(&surface, &open, &nodes, simulation.drag_points, Some(&compliance_prior))?;
     let points = nodes.into_iter().map(|node| TestPoint {
         node,
         plan: point_plan(
             simulation,
             surface.positions()[node as usize],
             surface.inward_normals()[node as usize],
+            dragged.binary_search(&node).is_ok(),
         ),
     });
     let points = points.collect();
@@ -450,33 +455,34 @@ fn choose(
     simulation: &Simulation,
     surface: &Surface,
     held: &[bool],
+    touchable: &[bool],
     compliance_prior: &[f64],
     path: &Path,
     notes: &mut Vec<String>,
 ) -> Result<Vec<u32>> {
-    let touchable = touchable(surface, held, margin(simulation)?)?;
+    // One node for each vertex that can be touched.
+    let mut free: BTreeMap<u32, u32> = BTreeMap::new();
+    for (n, (&v, _)) in surface.vertices().iter().zip(touchable).enumerate().filter(|(_, (_, open))| **open) {
+        free.entry(v).or_insert(n as u32);
+    }
     let amount = match &simulation.test_points {
-        TestPoints::Count(count) => {
-            // One for each vertex at most.
-            let mut free: Vec<u32> = surface
-                .vertices()
-                .iter()
-                .zip(&touchable)
-                .filter(|(_, open)| **open)
-                .map(|(v, _)| *v)
-                .collect();
-            free.sort_unstable();
-            free.dedup();
+        TestPoints::Count(count) | TestPoints::Adaptive { most: count, .. } => {
             let count = *count as usize;
             if free.len() < count && !free.is_empty() {
                 notes.push(format!("the surface has {} vertices to touch: each is a test point", free.len()));
             }
             Amount::Count(count.min(free.len().max(1)))
         }
+        TestPoints::EveryNode => Amount::Count(free.len().max(1)),
         TestPoints::Spacing(spacing) => Amount::Spacing(*spacing),
         TestPoints::At(points) => return named_points(points, surface, held, path, notes),
     };
-    test_points(surface, &touchable, amount, Some(compliance_prior))
+    if amount == Amount::Count(free.len()) {
+        let mut nodes: Vec<u32> = free.into_values().collect();
+        nodes.sort_unstable();
+        return Ok(nodes);
+    }
+    test_points(surface, touchable, amount, Some(compliance_prior))
         .map_err(|e| anyhow!("{}: [test_points]: {e}", path.display()))
 }
 
@@ -523,8 +529,8 @@ fn named_points(
     Ok(nodes)
 }
 
-/// The load paths at a point.
-pub fn point_plan(simulation: &Simulation, point: DVec3, inward: DVec3) -> PointPlan {
+/// The load paths at a point: a press and, if it is to be dragged, drags.
+pub fn point_plan(simulation: &Simulation, point: DVec3, inward: DVec3, dragged: bool) -> PointPlan {
     let (first, second) = tangents(inward);
     let count = simulation.directions;
     let direction = |i: u32| {
@@ -544,7 +550,7 @@ pub fn point_plan(simulation: &Simulation, point: DVec3, inward: DVec3) -> Point
         point,
         inward,
         depths: simulation.depths_m.clone(),
-        drags: simulation.drag_from.iter().flat_map(drag).collect(),
+        drags: simulation.drag_from.iter().filter(|_| dragged).flat_map(drag).collect(),
     }
 }
 

@@ -214,7 +214,7 @@ pub fn merge(shards: &[PathBuf]) -> Result<PathsRecord> {
         };
         if let Some(what) = joined.plan.difference(&record.plan) {
             bail!(
-                "{}: {what} is another than in {}; make all shards from the same spec and files",
+                "{}: {what} is another than in {}; make all shards from the same spec and files, on machines of one kind",
                 path.display(),
                 first.display()
             );

@@ -58,10 +58,11 @@ impl Workspace {
             })
         })?;
         if let Some(what) = old.difference(plan) {
+            let moved = PathsPlan { machine: plan.machine.clone(), ..old } == *plan;
             bail!(
-                "{}: {what} is another than when this run was begun; put it back to go on, or delete the folder to \
-                 begin anew",
-                folder.display()
+                "{}: {what} is another than when this run was begun; {}, or delete the folder to begin anew",
+                folder.display(),
+                if moved { "go on with it on a machine of that kind" } else { "put it back to go on" }
             );
         }
         Ok(workspace)
