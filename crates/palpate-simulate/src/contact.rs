@@ -4,10 +4,14 @@
 //! out by a pressure in proportion: energy ½ε⟨−φ⟩² for each unit of surface at rest, φ the signed distance from the
 //! tool. The penalty ε is 50 contact moduli over a face's size, so that the surface enters the tool by 2 % of what it
 //! is indented locally over one face, and the energy stays smooth enough for Newton's method. Sticking adds a spring
-//! of the same stiffness, along the tool's surface, between a point and the place on the tool where it was caught.
+//! of the same stiffness, along the tool's surface, between a point and the place on the tool where it was caught. Under
+//! Coulomb friction the spring yields at μ times the pressure: with the limit taken from the last solution, forces and
+//! stiffness are those of an energy still (½ε s² up to the limit, straight on beyond it), and solving anew with the pressures
+//! found ends where both agree.
 
 use crate::material::Moduli;
 use crate::model::Model;
+use crate::path::StuckTangent;
 use crate::stiffness::Stiffness;
 use crate::tool::{Placement, RigidTool, outer};
 use glam::{DMat3, DVec3};
@@ -38,16 +42,19 @@ pub(crate) fn rule() -> [(f64, [f64; 6]); POINTS] {
     })
 }
 
-/// Where on the tool a point of the surface was caught.
+/// Where on the tool a point of the surface was caught, in the tool's axes.
 #[derive(Debug, Clone, Copy)]
 struct Anchor {
-    /// From the tip, body's axes, m.
+    /// From the tip, m.
     place: DVec3,
     /// The tool's outward normal there.
     normal: DVec3,
+    /// How far the point can be from the place along the tool before it slips, m; infinite where it sticks.
+    limit: f64,
 }
 
-/// The points that stick, for each face.
+/// The points that are caught, for each face.
+#[derive(Clone)]
 pub(crate) struct Anchors(Vec<[Option<Anchor>; POINTS]>);
 
 /// Force and more of a contact.
@@ -58,6 +65,10 @@ pub(crate) struct Resultant {
     pub torque_n_m: DVec3,
     /// Of the surface at rest.
     pub patch_m2: f64,
+    /// Pressures, whatever their directions, N.
+    pub pressed_n: f64,
+    /// Those of points that slip, N.
+    pub slipping_n: f64,
 }
 
 /// A placed tool against the whole surface of a model.
@@ -66,7 +77,7 @@ pub(crate) struct ToolContact<'t> {
     pub placement: Placement,
     faces: Vec<Face>,
     rule: [(f64, [f64; 6]); POINTS],
-    /// For each face's point; empty while nothing sticks.
+    /// For each face's point; empty while nothing is caught.
     anchors: Vec<[Option<Anchor>; POINTS]>,
 }
 
@@ -81,17 +92,27 @@ struct Face {
     radius: f64,
 }
 
-/// A point of the surface that the tool pushes: its face, shape functions, share of area, and place.
+/// A point of the surface that the tool pushes or holds, body's axes.
 struct Touch<'a> {
     face: &'a Face,
     shape: &'a [f64; 6],
     weight: f64,
     at: DVec3,
-    /// Signed distance with gradient and Hessian, body's axes; a point outside counts as on the tool's surface.
+    /// Signed distance with gradient and Hessian; a point outside counts as on the tool's surface.
     distance: f64,
     normal: DVec3,
     curvature: DMat3,
-    anchor: Option<Anchor>,
+    grip: Option<Grip>,
+}
+
+/// What holds a point along the tool.
+#[derive(Clone, Copy)]
+struct Grip {
+    anchor: Anchor,
+    /// From where it was caught, along the tool, m.
+    stretch: DVec3,
+    /// The tool's normal where it was caught.
+    normal: DVec3,
 }
 
 impl<'t> ToolContact<'t> {
@@ -122,11 +143,7 @@ impl<'t> ToolContact<'t> {
     /// Calls `visit` for every point of the surface that is in the tool, or sticks to it.
     fn each_touch(&self, model: &Model, u: &[f64], mut visit: impl FnMut(usize, usize, Touch)) {
         for (f, face) in self.faces.iter().enumerate() {
-            let place = |node: u32| {
-                let n = node as usize;
-                model.rest[n] + DVec3::new(u[3 * n], u[3 * n + 1], u[3 * n + 2])
-            };
-            let p = face.nodes.map(place);
+            let p = face.nodes.map(|node| model.place(node, u));
             let middle = (p[0] + p[1] + p[2]) / 3.0;
             let radius = p.iter().map(|p| p.distance(middle)).fold(face.radius, f64::max);
             let anchors = self.anchors.get(f).unwrap_or(&[None; POINTS]);
@@ -141,6 +158,11 @@ impl<'t> ToolContact<'t> {
                 if distance.value >= 0.0 && anchors[q].is_none() {
                     continue;
                 }
+                let grip = anchors[q].map(|anchor| {
+                    let normal = self.placement.rotation * anchor.normal;
+                    let moved = at - self.placement.tip - self.placement.rotation * anchor.place;
+                    Grip { anchor, stretch: moved - normal * moved.dot(normal), normal }
+                });
                 let touch = Touch {
                     face,
                     shape,
@@ -149,7 +171,7 @@ impl<'t> ToolContact<'t> {
                     distance: distance.value.min(0.0),
                     normal: distance.gradient,
                     curvature: distance.hessian,
-                    anchor: anchors[q],
+                    grip,
                 };
                 visit(f, q, touch);
             }
@@ -158,15 +180,15 @@ impl<'t> ToolContact<'t> {
 
     pub fn energy(&self, model: &Model, u: &[f64]) -> f64 {
         let mut energy = 0.0;
-        self.each_touch(model, u, |_, _, touch| energy += touch.energy(self.placement.tip));
+        self.each_touch(model, u, |_, _, touch| energy += touch.energy());
         energy
     }
 
     pub fn assemble(&self, model: &Model, u: &[f64], gradient: &mut [f64], stiffness: &mut Stiffness) -> f64 {
         let mut energy = 0.0;
         self.each_touch(model, u, |_, _, touch| {
-            energy += touch.energy(self.placement.tip);
-            let force = touch.force(self.placement.tip);
+            energy += touch.energy();
+            let force = touch.force();
             let tangent = touch.tangent();
             for (a, &i) in touch.face.nodes.iter().enumerate() {
                 let n = touch.shape[a];
@@ -198,64 +220,200 @@ impl<'t> ToolContact<'t> {
     pub fn resultant(&self, model: &Model, u: &[f64]) -> Resultant {
         let mut sum = Resultant::default();
         self.each_touch(model, u, |_, _, touch| {
-            let force = touch.force(self.placement.tip);
+            let force = touch.force();
             sum.force_n += force;
             sum.torque_n_m += (touch.at - self.placement.tip).cross(force);
-            sum.patch_m2 += if touch.distance < 0.0 { touch.weight } else { 0.0 };
+            if touch.distance < 0.0 {
+                let pressed = -touch.distance * touch.weight * touch.face.penalty;
+                sum.patch_m2 += touch.weight;
+                sum.pressed_n += pressed;
+                sum.slipping_n += if touch.slips() { pressed } else { 0.0 };
+            }
         });
         sum
     }
 
-    /// Which points stick, to go back to.
+    /// What the energy of contact and body together says of a small motion q of the tool, translation and rotation about the
+    /// tip: ∂²E/∂q², and for each component ∂²E/∂u∂q, which is added to `forces`.
+    pub fn motion(&self, model: &Model, u: &[f64], forces: &mut [Vec<f64>; 6]) -> StuckTangent {
+        let mut own = StuckTangent::default();
+        self.each_touch(model, u, |_, _, touch| {
+            let arm = touch.at - self.placement.tip;
+            let (tangent, gradient) = (touch.tangent(), -touch.force());
+            let translations = DVec3::AXES.map(|axis| -(tangent * axis));
+            let rotations = DVec3::AXES.map(|axis| axis.cross(gradient) - tangent * axis.cross(arm));
+            for (forces, pull) in forces.iter_mut().zip(translations.iter().chain(&rotations)) {
+                for (&i, n) in touch.face.nodes.iter().zip(touch.shape) {
+                    for (sum, f) in forces[3 * i as usize..].iter_mut().zip(pull.to_array()) {
+                        *sum += n * f;
+                    }
+                }
+            }
+            for (i, a) in DVec3::AXES.into_iter().enumerate() {
+                for (j, b) in DVec3::AXES.into_iter().enumerate() {
+                    own[i][j] += a.dot(tangent * b);
+                    let mixed = -a.dot(rotations[j]);
+                    own[i][3 + j] += mixed;
+                    own[3 + j][i] += mixed;
+                    let turned = a.cross(arm).dot(tangent * b.cross(arm));
+                    let both = 0.5 * (gradient[i] * arm[j] + gradient[j] * arm[i]);
+                    own[3 + i][3 + j] += turned + both - gradient.dot(arm) * a.dot(b);
+                }
+            }
+        });
+        own
+    }
+
+    /// The penetration of the deepest point of the surface at rest, m.
+    pub fn overlap(&self, model: &Model) -> f64 {
+        let zero = vec![0.0; 3 * model.rest.len()];
+        let mut deepest = 0.0f64;
+        self.each_touch(model, &zero, |_, _, touch| deepest = deepest.max(-touch.distance));
+        deepest
+    }
+
+    /// What is caught, to go back to.
     pub fn anchors(&self) -> Anchors {
         Anchors(self.anchors.clone())
     }
 
     /// Goes back.
-    pub fn restore(&mut self, anchors: Anchors) {
-        self.anchors = anchors.0;
+    pub fn restore(&mut self, anchors: &Anchors) {
+        self.anchors.clone_from(&anchors.0);
     }
 
-    /// Nothing sticks any more.
+    /// Nothing is caught any more.
     pub fn unstick(&mut self) {
         self.anchors.clear();
     }
 
-    /// What touches now sticks where it touches; what sticks already stays; what has left is free again. Returns the
-    /// force along the tool that was let go, N: if it is not small, the equilibrium is another.
-    pub fn update_sticking(&mut self, model: &Model, u: &[f64]) -> f64 {
-        let mut anchors = vec![[None; POINTS]; self.faces.len()];
-        let mut let_go = 0.0;
+    /// Catches what touches and is free, on the tool where it touched first: on the way from `before`, a place of the tool
+    /// and displacements, if it did not touch then. Returns the force along the tool that this brings, N.
+    pub fn catch(&mut self, model: &Model, u: &[f64], before: Option<(&Placement, &[f64])>, friction: Friction) -> f64 {
+        let mut caught = Vec::new();
+        let back = self.placement.rotation.transpose();
         self.each_touch(model, u, |f, q, touch| {
-            if touch.distance < 0.0 {
-                let fresh = Anchor { place: touch.at - self.placement.tip, normal: touch.normal };
-                anchors[f][q] = Some(touch.anchor.unwrap_or(fresh));
-            } else {
-                let_go += touch.force(self.placement.tip).length();
+            if touch.distance >= 0.0 || touch.grip.is_some() {
+                return;
+            }
+            let now = back * (touch.at - self.placement.tip);
+            let mut place = now;
+            if let Some((placement, u)) = before {
+                let at: DVec3 = touch.shape.iter().zip(touch.face.nodes).map(|(n, i)| model.place(i, u) * *n).sum();
+                let then = placement.rotation.transpose() * (at - placement.tip);
+                let gap = self.tool.distance(then).value;
+                if gap > 0.0 {
+                    place = then.lerp(now, gap / (gap - touch.distance));
+                }
+            }
+            let normal = self.tool.distance(place).gradient;
+            let moved = now - place;
+            let stretch = (moved - normal * moved.dot(normal)).length();
+            let limit = friction.limit(-touch.distance);
+            caught.push((f, q, Anchor { place, normal, limit }, touch.weight * touch.face.penalty * stretch.min(limit)));
+        });
+        if !caught.is_empty() {
+            self.anchors.resize(self.faces.len(), [None; POINTS]);
+        }
+        let mut force = 0.0;
+        for (f, q, anchor, brought) in caught {
+            self.anchors[f][q] = Some(anchor);
+            force += brought;
+        }
+        force
+    }
+
+    /// Lets go what has left the tool. Returns the force along the tool that was let go, N.
+    pub fn release(&mut self, model: &Model, u: &[f64]) -> f64 {
+        let (mut left, mut let_go) = (Vec::new(), 0.0);
+        self.each_touch(model, u, |f, q, touch| {
+            if touch.distance >= 0.0 {
+                let_go += touch.force().length();
+                left.push((f, q));
             }
         });
-        self.anchors = anchors;
+        for (f, q) in left {
+            self.anchors[f][q] = None;
+        }
         let_go
+    }
+
+    /// Takes the friction limits from the pressures at hand. Returns by how much forces along the tool change with that, N.
+    pub fn limit(&mut self, model: &Model, u: &[f64], friction: Friction) -> f64 {
+        let (mut limits, mut changed) = (Vec::new(), 0.0);
+        self.each_touch(model, u, |f, q, touch| {
+            let Some(grip) = touch.grip else { return };
+            let (old, new) = (grip.anchor.limit, friction.limit(-touch.distance));
+            let stretch = grip.stretch.length();
+            changed += touch.weight * touch.face.penalty * (stretch.min(old) - stretch.min(new)).abs();
+            limits.push((f, q, new));
+        });
+        for (f, q, limit) in limits {
+            if let Some(anchor) = &mut self.anchors[f][q] {
+                anchor.limit = limit;
+            }
+        }
+        changed
+    }
+
+    /// What has slipped holds on where it is now: as far behind as the limit lets it.
+    pub fn slip(&mut self, model: &Model, u: &[f64]) {
+        let mut slipped = Vec::new();
+        let back = self.placement.rotation.transpose();
+        self.each_touch(model, u, |f, q, touch| {
+            let Some(grip) = touch.grip.filter(|_| touch.slips()) else { return };
+            let normal = touch.normal;
+            let along = grip.stretch - normal * grip.stretch.dot(normal);
+            let behind = along.normalize_or_zero() * grip.anchor.limit;
+            let place = back * (touch.at - self.placement.tip - behind);
+            slipped.push((f, q, Anchor { place, normal: back * normal, limit: grip.anchor.limit }));
+        });
+        for (f, q, anchor) in slipped {
+            self.anchors[f][q] = Some(anchor);
+        }
+    }
+}
+
+/// What holds the surface to the tool while they touch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Friction {
+    /// Nothing.
+    None,
+    /// All that touches sticks.
+    Sticking,
+    /// Coulomb's, with this coefficient.
+    Coulomb(f64),
+}
+
+impl Friction {
+    /// How far a point with this penetration can be stretched along the tool, m: spring and penalty are equally stiff.
+    fn limit(self, penetration: f64) -> f64 {
+        match self {
+            Friction::None => 0.0,
+            Friction::Sticking => f64::INFINITY,
+            Friction::Coulomb(coefficient) => coefficient * penetration.max(0.0),
+        }
     }
 }
 
 impl Touch<'_> {
-    /// From the anchor, along the tool's surface, m.
-    fn stretch(&self, tip: DVec3) -> DVec3 {
-        self.anchor.map_or(DVec3::ZERO, |anchor| {
-            let moved = self.at - tip - anchor.place;
-            moved - anchor.normal * moved.dot(anchor.normal)
-        })
+    fn slips(&self) -> bool {
+        self.grip.is_none_or(|grip| grip.stretch.length_squared() > grip.anchor.limit * grip.anchor.limit)
     }
 
-    fn energy(&self, tip: DVec3) -> f64 {
-        let squares = self.distance * self.distance + self.stretch(tip).length_squared();
-        0.5 * self.weight * self.face.penalty * squares
+    /// ½ ε s², and straight on from the limit.
+    fn energy(&self) -> f64 {
+        let along = self.grip.map_or(0.0, |grip| {
+            let (s, limit) = (grip.stretch.length(), grip.anchor.limit);
+            if s <= limit { 0.5 * s * s } else { limit * (s - 0.5 * limit) }
+        });
+        self.weight * self.face.penalty * (0.5 * self.distance * self.distance + along)
     }
 
     /// On the body.
-    fn force(&self, tip: DVec3) -> DVec3 {
-        (self.normal * -self.distance - self.stretch(tip)) * (self.weight * self.face.penalty)
+    fn force(&self) -> DVec3 {
+        let along = self.grip.map_or(DVec3::ZERO, |grip| grip.stretch.clamp_length_max(grip.anchor.limit));
+        (self.normal * -self.distance - along) * (self.weight * self.face.penalty)
     }
 
     fn tangent(&self) -> DMat3 {
@@ -263,8 +421,14 @@ impl Touch<'_> {
         if self.distance < 0.0 {
             tangent += outer(self.normal) + self.curvature * self.distance;
         }
-        if let Some(anchor) = self.anchor {
-            tangent += DMat3::IDENTITY - outer(anchor.normal);
+        if let Some(grip) = self.grip {
+            let plane = DMat3::IDENTITY - outer(grip.normal);
+            tangent += if self.slips() {
+                let s = grip.stretch.length();
+                (plane - outer(grip.stretch / s)) * (grip.anchor.limit / s)
+            } else {
+                plane
+            };
         }
         tangent * (self.weight * self.face.penalty)
     }

@@ -6,7 +6,7 @@
 //! iterations and is followed (Steihaug 1983; Nash 1984), so that a tangent that is indefinite, as at the edge of a
 //! bonded patch, needs no shift; and every step goes down in energy, so that an element is never inverted.
 
-use crate::factor::Factor;
+use crate::factor::{Factor, Indefinite, LANES};
 use crate::load::Load;
 use crate::model::{Fixed, Model};
 use crate::stiffness::Stiffness;
@@ -85,6 +85,10 @@ pub(crate) struct Solver<'m> {
     /// Iterations spent beyond what a fresh factor would have taken, since the last factorisation.
     wasted: f64,
     pub counts: Counts,
+    /// Whether the last equilibrium is no minimum: the energy curves downwards somewhere.
+    pub indefinite: bool,
+    /// Whether the last Newton step met negative curvature.
+    curved: bool,
     single: Vec<f32>,
     scratch: Vec<f32>,
 }
@@ -144,6 +148,8 @@ impl<'m> Solver<'m> {
             own: None,
             wasted: 0.0,
             counts: Counts::default(),
+            indefinite: false,
+            curved: false,
             single: vec![0.0; 3 * model.pattern.nodes()],
             scratch: Vec::new(),
         }
@@ -165,14 +171,50 @@ impl<'m> Solver<'m> {
         energy
     }
 
-    fn refactor(&mut self) {
+    /// Whether the stiffness has a factor: an indefinite one has none, and the old factor goes on serving.
+    fn refactor(&mut self) -> bool {
         let model = self.model;
         self.counts.factorisations += 1;
-        // An indefinite stiffness has no factor: the old one goes on serving.
-        if let Ok(factor) = model.symbolic.factor(&model.pattern, &self.stiffness, &self.held) {
-            self.own = Some(factor);
-        }
         self.wasted = 0.0;
+        match model.symbolic.factor(&model.pattern, &self.stiffness, &self.held) {
+            Ok(factor) => {
+                self.own = Some(factor);
+                true
+            }
+            Err(Indefinite) => false,
+        }
+    }
+
+    /// bᵀ K⁻¹ b of the six columns b, with K at hand; none if it is indefinite. The factor's single precision enters squared.
+    pub fn condensed(&mut self, load: &Load, columns: &[Vec<f64>; 6]) -> Option<[[f64; 6]; 6]> {
+        self.assemble(load);
+        if !self.refactor() {
+            return None;
+        }
+        let factor = self.own.as_ref()?;
+        let scale = columns.each_ref().map(|b| b.iter().fold(f64::MIN_POSITIVE, |m: f64, v| m.max(v.abs())));
+        let mut several = vec![[0.0f32; LANES]; self.single.len()];
+        for (i, row) in several.iter_mut().enumerate().filter(|(i, _)| !self.held[*i]) {
+            for ((x, b), scale) in row.iter_mut().zip(columns).zip(scale) {
+                *x = (b[i] / scale) as f32;
+            }
+        }
+        self.model.symbolic.solve_several(factor, &mut several);
+        let mut solutions: [Vec<f64>; 6] = std::array::from_fn(|_| vec![0.0; self.u.len()]);
+        let mut residuals = columns.clone();
+        let mut product = vec![0.0; self.u.len()];
+        for (c, x) in solutions.iter_mut().enumerate() {
+            for (i, row) in several.iter().enumerate().filter(|(i, _)| !self.held[*i]) {
+                x[i] = f64::from(row[c]) * scale[c];
+            }
+            self.stiffness.multiply(&self.model.pattern, x, &mut product);
+            for ((r, p), held) in residuals[c].iter_mut().zip(&product).zip(&self.held) {
+                *r = if *held { 0.0 } else { *r - p };
+            }
+        }
+        Some(std::array::from_fn(|i| {
+            std::array::from_fn(|j| dot(&solutions[i], &columns[j]) + dot(&residuals[i], &solutions[j]))
+        }))
     }
 
     /// z = M⁻¹ r, zero in held unknowns.
@@ -209,6 +251,7 @@ impl<'m> Solver<'m> {
         let mut p = z.clone();
         let mut rz = dot(&r, &z);
         let mut iterations = 0;
+        self.curved = false;
         while iterations < MAX_CG_ITERATIONS {
             iterations += 1;
             self.stiffness.multiply(&self.model.pattern, &p, &mut kp);
@@ -219,6 +262,7 @@ impl<'m> Solver<'m> {
             }
             let curvature = dot(&p, &kp);
             if curvature <= 0.0 {
+                self.curved = true;
                 if iterations == 1 {
                     d.copy_from_slice(&p);
                 }
@@ -308,6 +352,9 @@ impl<'m> Solver<'m> {
             let target =
                 share * load.reaction(self.model, &self.u, &self.gradient).max(self.model.least_force_n);
             if norm <= target {
+                // Iterates that met negative curvature may have been on their way to where there is none.
+                self.indefinite = self.curved && !self.refactor();
+                self.curved = self.indefinite;
                 return Ok(iteration);
             }
             if self.counts.cg_iterations - before > MAX_CG_ITERATIONS_TOGETHER {

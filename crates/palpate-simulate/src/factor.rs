@@ -204,6 +204,71 @@ impl Symbolic {
     }
 }
 
+/// Right-hand sides that are solved for together: the factor is read once for all of them.
+pub(crate) const LANES: usize = 8;
+
+impl Symbolic {
+    /// Replaces every lane of `x` by (L Lᵀ)⁻¹ x.
+    pub fn solve_several(&self, factor: &Factor, x: &mut [[f32; LANES]]) {
+        pulp::Arch::new().dispatch(|| self.substitute_several(factor, x));
+    }
+
+    #[inline(always)]
+    fn substitute_several(&self, factor: &Factor, x: &mut [[f32; LANES]]) {
+        let SymbolicCholeskyRaw::Supernodal(symbolic) = self.cholesky.raw() else { return };
+        let starts = symbolic.col_ptr_for_val();
+        let take = |sum: &mut [f32; LANES], l: f32, x: &[f32; LANES]| {
+            for (s, x) in sum.iter_mut().zip(x) {
+                *s += l * x;
+            }
+        };
+        let mut scratch: Vec<[f32; LANES]> = Vec::new();
+        for (s, &first) in starts[..symbolic.n_supernodes()].iter().enumerate() {
+            let node = symbolic.supernode(s);
+            let (start, pattern) = (node.start(), node.pattern());
+            let width = symbolic.supernode_end()[s] as usize - start;
+            let height = width + pattern.len();
+            let values = &factor.values[first as usize..][..width * height];
+            scratch.clear();
+            scratch.resize(pattern.len(), [0.0; LANES]);
+            for (j, column) in values.chunks_exact(height).enumerate() {
+                let xj = x[start + j].map(|v| v / column[j]);
+                x[start + j] = xj;
+                for (t, l) in x[start + j + 1..start + width].iter_mut().zip(&column[j + 1..width]) {
+                    take(t, -l, &xj);
+                }
+                for (s, l) in scratch.iter_mut().zip(&column[width..]) {
+                    take(s, *l, &xj);
+                }
+            }
+            for (&row, s) in pattern.iter().zip(&scratch) {
+                take(&mut x[row as usize], -1.0, s);
+            }
+        }
+        for s in (0..symbolic.n_supernodes()).rev() {
+            let node = symbolic.supernode(s);
+            let (start, pattern) = (node.start(), node.pattern());
+            let width = symbolic.supernode_end()[s] as usize - start;
+            let height = width + pattern.len();
+            let values = &factor.values[starts[s] as usize..][..width * height];
+            scratch.clear();
+            scratch.extend(pattern.iter().map(|&row| x[row as usize]));
+            for (j, column) in values.chunks_exact(height).enumerate().rev() {
+                let mut below = [0.0f32; LANES];
+                for (l, x) in column[width..].iter().zip(&scratch) {
+                    take(&mut below, *l, x);
+                }
+                for (l, x) in column[j + 1..width].iter().zip(&x[start + j + 1..start + width]) {
+                    take(&mut below, *l, x);
+                }
+                for (x, below) in x[start + j].iter_mut().zip(below) {
+                    *x = (*x - below) / column[j];
+                }
+            }
+        }
+    }
+}
+
 /// Eight partial sums, which the compiler keeps in vector registers.
 #[inline(always)]
 fn dot(a: &[f32], b: &[f32]) -> f32 {

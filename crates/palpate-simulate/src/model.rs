@@ -184,6 +184,12 @@ impl Model {
         self.held.len()
     }
 
+    /// Where a node (inner number) is, displaced by `u`, m.
+    #[inline]
+    pub(crate) fn place(&self, node: u32, u: &[f64]) -> DVec3 {
+        self.rest[node as usize] + DVec3::from_slice(&u[3 * node as usize..])
+    }
+
     #[inline]
     fn gather(&self, element: &[u32; 10], u: &[f64]) -> [f64; 30] {
         let mut local = [0.0; 30];

@@ -1,13 +1,13 @@
 //! Load paths: the tool is pressed in, and dragged, step by step.
 
-use crate::contact::ToolContact;
+use crate::contact::{Anchors, Friction, Resultant, ToolContact};
 use crate::equilibrium::{Counts, Failure, Solver};
 use crate::load::Load;
 use crate::mesh::Boundary;
 use crate::model::{Fixed, Model};
-use crate::path::{Contact, Path, PointPaths, PointPlan, State, Stop};
+use crate::path::{Contact, FreePlan, Path, PointPaths, PointPlan, State, Stop, StuckTangent};
 use crate::tool::{Placement, RigidTool};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::sync::atomic::AtomicBool;
 
@@ -19,11 +19,14 @@ const MAX_CUTS: u32 = 6;
 const MAX_NEWTON: u32 = 300;
 const MAX_CG_ITERATIONS: u32 = 3000;
 
-/// Of the tool's force: less than that, let go by points that have left the tool, changes nothing worth a solve.
-const LET_GO: f64 = 5e-3;
+/// Of the tool's force: what points that were caught, let go or limited anew change by less than that is worth no solve.
+const SETTLED: f64 = 1e-3;
 
-/// How often a step is solved again because points that stuck have left the tool.
-const MAX_RELEASES: u32 = 4;
+/// How often a step is solved again for that.
+const MAX_ROUNDS: u32 = 20;
+
+/// A path that turns by more begins anew: the states before say nothing about what follows.
+const STRAIGHT: f64 = 0.9;
 
 impl Model {
     /// Presses and drags as planned. `None` if `cancelled` was set meanwhile.
@@ -47,12 +50,15 @@ impl Model {
         plan: &PointPlan,
         cancelled: &AtomicBool,
     ) -> Option<(PointPaths, Counts)> {
-        let surface = self.entry(plan);
-        let start = Placement::pressing(surface, plan.inward);
+        let surface = self.entry(plan.point, plan.inward);
         let walker = match contact {
             Contact::Sticking | Contact::Frictionless => {
-                let solver = Solver::new(self, self.held.clone());
-                LoadStepper::new(solver, Load::Tool(Box::new(ToolContact::new(self, tool, start))), start.tip)
+                let sticking = contact == Contact::Sticking;
+                let friction = if sticking { Friction::Sticking } else { Friction::None };
+                match self.touching(tool, surface, plan.inward, friction) {
+                    Ok(walker) => walker,
+                    Err(stop) => return Some((plan.stopped(stop), Counts::default())),
+                }
             }
             Contact::Bonded { patch_radius_m } => {
                 let patch = self.patch(surface, patch_radius_m);
@@ -60,6 +66,57 @@ impl Model {
             }
         };
         walker.run(plan, cancelled)
+    }
+
+    /// Leads the tool along any path, with Coulomb friction. `None` if `cancelled` was set meanwhile.
+    ///
+    /// Each load step is solved with the friction limits of the pressures before, and again until they agree to 10⁻³ of
+    /// the force; then what has slipped is caught where it is (LAW 5).
+    pub fn follow(&self, tool: &RigidTool, plan: &FreePlan, cancelled: &AtomicBool) -> Option<Path> {
+        self.follow_counted(tool, plan, cancelled).map(|(path, _)| path)
+    }
+
+    /// [`Model::follow`], with what the solves took.
+    pub fn follow_counted(
+        &self,
+        tool: &RigidTool,
+        plan: &FreePlan,
+        cancelled: &AtomicBool,
+    ) -> Option<(Path, Counts)> {
+        let mut path = Path::default();
+        let surface = self.entry(plan.point, plan.inward);
+        let mut walker = match self.touching(tool, surface, plan.inward, Friction::None) {
+            Ok(walker) => walker,
+            Err(stop) => {
+                path.stopped = Some(stop);
+                return Some((path, Counts::default()));
+            }
+        };
+        // It comes from outside, in its first orientation.
+        if let Some(first) = plan.poses.first() {
+            walker.at.rotation = first.rotation;
+        }
+        for pose in &plan.poses {
+            let depth = pose.offset.dot(plan.inward);
+            let target = Target {
+                pose: Pose { offset: pose.offset, rotation: pose.rotation },
+                depth_m: depth,
+                distance_m: (pose.offset - plan.inward * depth).length(),
+            };
+            walker.friction = match plan.coefficient(depth) {
+                0.0 => Friction::None,
+                coefficient => Friction::Coulomb(coefficient),
+            };
+            match walker.go(&target, cancelled) {
+                Ok(state) => path.states.push(state),
+                Err(Failure::Cancelled) => return None,
+                Err(failure) => {
+                    path.stopped = Some(Stop { at_m: target.distance_m, why: failure.words().into() });
+                    break;
+                }
+            }
+        }
+        Some((path, walker.solver.counts))
     }
 
     /// Moves `nodes` together, along the axes that they are held in, through a list of displacements (m) from rest;
@@ -74,8 +131,8 @@ impl Model {
         let mut walker = self.bonded(nodes.iter().copied(), centre / nodes.len().max(1) as f64);
         let mut path = Path::default();
         for &displacement in displacements {
-            let target = Target { offset: displacement, depth_m: displacement.length(), distance_m: 0.0 };
-            match walker.go(&target, false, cancelled) {
+            let target = Target { pose: displacement.into(), depth_m: displacement.length(), distance_m: 0.0 };
+            match walker.go(&target, cancelled) {
                 Ok(state) => path.states.push(state),
                 Err(Failure::Cancelled) => return None,
                 Err(failure) => {
@@ -89,23 +146,60 @@ impl Model {
 
     fn bonded(&self, nodes: impl Iterator<Item = Fixed>, tip: DVec3) -> LoadStepper<'_, '_> {
         let (solver, unknowns) = self.holding(nodes);
-        LoadStepper::new(solver, Load::Held(unknowns), tip)
+        LoadStepper::new(solver, Load::Held(unknowns), Placement::pressing(tip, DVec3::Z), Friction::None)
     }
 
-    /// Where the line along `inward` through the planned point enters the mesh: nearest to the point, or the point
-    /// itself where the line misses.
-    fn entry(&self, plan: &PointPlan) -> DVec3 {
-        let mut nearest = (f64::INFINITY, plan.point);
+    /// A tool where it first touches, coming along `inward` through `surface`, where its tip ends at most.
+    fn touching<'t>(
+        &self,
+        tool: &'t RigidTool,
+        surface: DVec3,
+        inward: DVec3,
+        friction: Friction,
+    ) -> Result<LoadStepper<'_, 't>, Stop> {
+        let mut contact = ToolContact::new(self, tool, Placement::pressing(surface, inward));
+        let (low, high) = extent(&self.rest);
+        let resolution = 1e-9 * (high - low).length();
+        let mut overlaps = |back: f64| {
+            contact.placement.tip = surface - inward * back;
+            contact.overlap(self) > resolution
+        };
+        // Around a tip in a hollow the sides touch first.
+        let (mut inside, mut free) = (0.0, 0.0);
+        if overlaps(0.0) {
+            free = 1e-3 * (high - low).length();
+            while overlaps(free) {
+                (inside, free) = (free, 2.0 * free);
+                if free > 0.5 * (high - low).length() {
+                    let why = "the tool overlaps the body at rest, however far it is drawn back".into();
+                    return Err(Stop { at_m: 0.0, why });
+                }
+            }
+            while free - inside > resolution {
+                let middle = 0.5 * (inside + free);
+                *(if overlaps(middle) { &mut inside } else { &mut free }) = middle;
+            }
+        }
+        let start = Placement::pressing(surface - inward * free, inward);
+        contact.placement = start;
+        let solver = Solver::new(self, self.held.clone());
+        Ok(LoadStepper::new(solver, Load::Tool(Box::new(contact)), start, friction))
+    }
+
+    /// Where the line along `inward` through a point enters the mesh: nearest to the point, or the point itself where the
+    /// line misses.
+    fn entry(&self, point: DVec3, inward: DVec3) -> DVec3 {
+        let mut nearest = (f64::INFINITY, point);
         for face in &self.boundary().faces {
             let [a, b, c] = [0, 1, 2].map(|i| self.mesh().positions[face[i] as usize]);
             let (ab, ac) = (b - a, c - a);
             let normal = ab.cross(ac);
-            let towards = normal.dot(plan.inward);
+            let towards = normal.dot(inward);
             if towards >= 0.0 {
                 continue;
             }
-            let along = normal.dot(a - plan.point) / towards;
-            let at = plan.point + plan.inward * along - a;
+            let along = normal.dot(a - point) / towards;
+            let at = point + inward * along - a;
             // Area coordinates, with some slack so that lines through edges miss neither side.
             let scale = normal.length_squared();
             let (v, w) = (at.cross(ac).dot(normal) / scale, ab.cross(at).dot(normal) / scale);
@@ -114,7 +208,7 @@ impl Model {
                 continue;
             }
             if v >= -1e-9 && w >= -1e-9 && v + w <= 1.0 + 1e-9 && along.abs() < nearest.0 {
-                nearest = (along.abs(), plan.point + plan.inward * along);
+                nearest = (along.abs(), point + inward * along);
             }
         }
         nearest.1
@@ -176,11 +270,58 @@ fn node_normals(boundary: &Boundary, positions: &[DVec3]) -> HashMap<u32, DVec3>
     normals
 }
 
+fn extent(positions: &[DVec3]) -> (DVec3, DVec3) {
+    let each = positions.iter();
+    each.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)))
+}
+
+impl PointPlan {
+    /// Paths without any state, and why.
+    fn stopped(&self, stop: Stop) -> PointPaths {
+        let press = Path { states: Vec::new(), stopped: Some(stop) };
+        PointPaths { press, drags: vec![Path::default(); self.drags.len()] }
+    }
+}
+
+impl FreePlan {
+    /// Of friction, at a depth.
+    fn coefficient(&self, depth: f64) -> f64 {
+        let next = self.friction.partition_point(|row| row.0 <= depth);
+        match (next.checked_sub(1).map(|i| self.friction[i]), self.friction.get(next)) {
+            (Some(a), Some(b)) => a.1 + (b.1 - a.1) * (depth - a.0) / (b.0 - a.0),
+            (Some(only), None) | (None, Some(&only)) => only.1,
+            (None, None) => 0.0,
+        }
+    }
+}
+
+/// Of a load, from its start.
+#[derive(Debug, Clone, Copy)]
+struct Pose {
+    /// m.
+    offset: DVec3,
+    rotation: DQuat,
+}
+
+impl From<DVec3> for Pose {
+    fn from(offset: DVec3) -> Self {
+        Pose { offset, rotation: DQuat::IDENTITY }
+    }
+}
+
+impl Pose {
+    fn towards(&self, other: &Pose, share: f64) -> Pose {
+        Pose { offset: self.offset.lerp(other.offset, share), rotation: self.rotation.slerp(other.rotation, share) }
+    }
+}
+
+/// A turn by one radian counts as a way of so many m.
+const TURN: f64 = 1e-2;
+
 /// Where the load goes next.
 #[derive(Debug, Clone, Copy)]
 struct Target {
-    /// Of the tip from its start, m.
-    offset: DVec3,
+    pose: Pose,
     depth_m: f64,
     distance_m: f64,
 }
@@ -189,24 +330,40 @@ struct Target {
 struct LoadStepper<'m, 't> {
     solver: Solver<'m>,
     load: Load<'t>,
-    start: DVec3,
-    /// Where the load is, m from its start.
-    offset: DVec3,
+    friction: Friction,
+    start: Placement,
+    /// Where the load is.
+    at: Pose,
     /// The equilibria behind, newest first: displacements by the path's length so far.
     trail: VecDeque<(f64, Vec<f64>)>,
     travelled: f64,
+    /// The last step's.
+    direction: DVec3,
+    /// The last equilibrium's.
+    resultant: Resultant,
 }
 
 /// What a drag starts from.
 struct Snapshot {
     u: Vec<f64>,
-    offset: DVec3,
+    at: Pose,
+    anchors: Option<Anchors>,
+    resultant: Resultant,
 }
 
 impl<'m, 't> LoadStepper<'m, 't> {
-    fn new(solver: Solver<'m>, load: Load<'t>, start: DVec3) -> Self {
-        let mut walker =
-            LoadStepper { solver, load, start, offset: DVec3::ZERO, trail: VecDeque::new(), travelled: 0.0 };
+    fn new(solver: Solver<'m>, load: Load<'t>, start: Placement, friction: Friction) -> Self {
+        let mut walker = LoadStepper {
+            solver,
+            load,
+            friction,
+            start,
+            at: DVec3::ZERO.into(),
+            trail: VecDeque::new(),
+            travelled: 0.0,
+            direction: DVec3::ZERO,
+            resultant: Resultant::default(),
+        };
         walker.remember();
         walker
     }
@@ -215,9 +372,14 @@ impl<'m, 't> LoadStepper<'m, 't> {
         let mut paths = PointPaths::default();
         let mut pressed: Vec<Option<Snapshot>> = Vec::new();
         for (i, &depth) in plan.depths.iter().enumerate() {
-            let target = Target { offset: plan.inward * depth, depth_m: depth, distance_m: 0.0 };
-            match self.go(&target, false, cancelled) {
-                Ok(state) => paths.press.states.push(state),
+            let target = Target { pose: (plan.inward * depth).into(), depth_m: depth, distance_m: 0.0 };
+            match self.go(&target, cancelled) {
+                Ok(mut state) => {
+                    if self.friction == Friction::Sticking {
+                        state.tangent = self.stuck_tangent(&mut state.indefinite).map(Box::new);
+                    }
+                    paths.press.states.push(state);
+                }
                 Err(Failure::Cancelled) => return None,
                 Err(failure) => {
                     paths.press.stopped = Some(Stop { at_m: depth, why: failure.words().into() });
@@ -225,7 +387,7 @@ impl<'m, 't> LoadStepper<'m, 't> {
                 }
             }
             let wanted = plan.drags.iter().any(|drag| drag.from == i);
-            pressed.push(wanted.then(|| Snapshot { u: self.solver.u.clone(), offset: self.offset }));
+            pressed.push(wanted.then(|| self.snapshot()));
         }
         for drag in &plan.drags {
             let mut path = Path::default();
@@ -234,11 +396,13 @@ impl<'m, 't> LoadStepper<'m, 't> {
                 continue;
             };
             self.restore(snapshot);
-            self.restick();
+            if self.friction == Friction::None {
+                self.restick();
+            }
             for &distance in &drag.distances {
-                let offset = snapshot.offset + drag.direction * distance;
-                let target = Target { offset, depth_m: plan.depths[drag.from], distance_m: distance };
-                match self.go(&target, true, cancelled) {
+                let pose = Pose { offset: snapshot.at.offset + drag.direction * distance, ..snapshot.at };
+                let target = Target { pose, depth_m: plan.depths[drag.from], distance_m: distance };
+                match self.go(&target, cancelled) {
                     Ok(state) => path.states.push(state),
                     Err(Failure::Cancelled) => return None,
                     Err(failure) => {
@@ -252,26 +416,43 @@ impl<'m, 't> LoadStepper<'m, 't> {
         Some((paths, self.solver.counts))
     }
 
+    fn snapshot(&self) -> Snapshot {
+        let anchors = match &self.load {
+            Load::Tool(contact) => Some(contact.anchors()),
+            Load::Held(_) => None,
+        };
+        Snapshot { u: self.solver.u.clone(), at: self.at, anchors, resultant: self.resultant }
+    }
+
     fn restore(&mut self, snapshot: &Snapshot) {
-        self.solver.u.copy_from_slice(&snapshot.u);
-        self.offset = snapshot.offset;
+        self.go_back(snapshot);
         self.travelled = 0.0;
         self.trail.clear();
         self.remember();
-        self.place(snapshot.offset);
+    }
+
+    fn go_back(&mut self, snapshot: &Snapshot) {
+        self.solver.u.copy_from_slice(&snapshot.u);
+        self.at = snapshot.at;
+        self.resultant = snapshot.resultant;
+        if let (Load::Tool(contact), Some(anchors)) = (&mut self.load, &snapshot.anchors) {
+            contact.restore(anchors);
+        }
+        self.place(snapshot.at);
     }
 
     /// From now on what touches sticks.
     fn restick(&mut self) {
         if let Load::Tool(contact) = &mut self.load {
+            self.friction = Friction::Sticking;
             contact.unstick();
-            contact.update_sticking(self.solver.model, &self.solver.u);
+            contact.catch(self.solver.model, &self.solver.u, None, self.friction);
         }
     }
 
-    fn place(&mut self, offset: DVec3) {
+    fn place(&mut self, at: Pose) {
         if let Load::Tool(contact) = &mut self.load {
-            contact.placement.tip = self.start + offset;
+            contact.placement = self.start.moved(at.offset, at.rotation);
         }
     }
 
@@ -281,12 +462,12 @@ impl<'m, 't> LoadStepper<'m, 't> {
     }
 
     /// Goes to the target, in smaller steps where the whole one fails.
-    fn go(&mut self, target: &Target, sticking: bool, cancelled: &AtomicBool) -> Result<State, Failure> {
-        let (from, mut done, mut step, mut cuts) = (self.offset, 0.0, 1.0, 0);
+    fn go(&mut self, target: &Target, cancelled: &AtomicBool) -> Result<State, Failure> {
+        let (from, mut done, mut step, mut cuts) = (self.at, 0.0, 1.0, 0);
         let before = self.solver.counts;
         while done < 1.0 {
             let next = if done + step > 1.0 - 1e-9 { 1.0 } else { done + step };
-            match self.advance(from.lerp(target.offset, next), sticking, cancelled) {
+            match self.advance(from.towards(&target.pose, next), cancelled) {
                 Ok(()) => {
                     done = next;
                     step = (2.0 * step).min(1.0 - done).max(f64::EPSILON);
@@ -308,55 +489,87 @@ impl<'m, 't> LoadStepper<'m, 't> {
     }
 
     /// One load step; on failure all is as before.
-    fn advance(&mut self, offset: DVec3, sticking: bool, cancelled: &AtomicBool) -> Result<(), Failure> {
-        let (old_offset, old_u) = (self.offset, self.solver.u.clone());
-        let old_anchors = match &self.load {
-            Load::Tool(contact) => Some(contact.anchors()),
-            Load::Held(_) => None,
+    fn advance(&mut self, to: Pose, cancelled: &AtomicBool) -> Result<(), Failure> {
+        let old = self.snapshot();
+        let move_by = to.offset - self.at.offset;
+        let way = move_by.length() + TURN * self.at.rotation.angle_between(to.rotation);
+        let turned = move_by.normalize_or_zero().dot(self.direction) < STRAIGHT;
+        if turned && self.trail.len() > 1 {
+            self.trail.truncate(1);
+        }
+        let travelled = self.travelled + way;
+        let mut result = Err(Failure::Stuck);
+        let tries = if self.trail.len() > 1 { 2 } else { 1 };
+        for attempt in 0..tries {
+            // The extrapolation may lead astray: then once more from the last equilibrium.
+            if attempt == 0 {
+                self.predict(travelled, move_by);
+            } else {
+                self.go_back(&old);
+                self.solver.predict_motion(&self.load, move_by);
+            }
+            self.place(to);
+            result = self.settle(&old, cancelled);
+            if matches!(result, Ok(()) | Err(Failure::Cancelled)) {
+                break;
+            }
+        }
+        if let Err(failure) = result {
+            self.go_back(&old);
+            return Err(failure);
+        }
+        if let Load::Tool(contact) = &mut self.load {
+            self.resultant = contact.resultant(self.solver.model, &self.solver.u);
+            contact.slip(self.solver.model, &self.solver.u);
+        }
+        self.at = to;
+        self.travelled = travelled;
+        self.direction = move_by.normalize_or_zero();
+        self.remember();
+        Ok(())
+    }
+
+    /// The equilibrium at the load's place, with what is caught, let go, and held no more than friction can: `old` is the last one.
+    fn settle(&mut self, old: &Snapshot, cancelled: &AtomicBool) -> Result<(), Failure> {
+        let friction = self.friction;
+        let before = self.start.moved(old.at.offset, old.at.rotation);
+        for _ in 0..MAX_ROUNDS {
+            let model = self.solver.model;
+            if let (Load::Tool(contact), true) = (&mut self.load, friction != Friction::None) {
+                // As the guess has it: so that what touches on the way is caught before the first solve.
+                contact.catch(model, &self.solver.u, Some((&before, &old.u)), friction);
+            }
+            self.solver.equilibrate(&self.load, cancelled)?;
+            let (Load::Tool(contact), true) = (&mut self.load, friction != Friction::None) else { return Ok(()) };
+            let u = &self.solver.u;
+            let force = contact.resultant(model, u).force_n.length().max(model.least_force_n);
+            let mut changed = contact.release(model, u);
+            if let Friction::Coulomb(_) = friction {
+                changed += contact.limit(model, u, friction);
+            }
+            changed += contact.catch(model, u, Some((&before, &old.u)), friction);
+            if changed <= SETTLED * force {
+                return Ok(());
+            }
+        }
+        Err(Failure::Slow)
+    }
+
+    /// The stuck tangent here, with a factor of its own; `indefinite` comes true where the energy curves downwards.
+    fn stuck_tangent(&mut self, indefinite: &mut bool) -> Option<StuckTangent> {
+        let Load::Tool(contact) = &self.load else { return None };
+        let mut forces: [Vec<f64>; 6] = std::array::from_fn(|_| vec![0.0; self.solver.u.len()]);
+        let own = contact.motion(self.solver.model, &self.solver.u, &mut forces);
+        let answer = self.solver.condensed(&self.load, &forces);
+        let Some(answer) = answer else {
+            *indefinite = true;
+            return None;
         };
-        let move_by = offset - self.offset;
-        let travelled = self.travelled + move_by.length();
-        self.predict(travelled, move_by);
-        self.place(offset);
-        let mut result = self.solver.equilibrate(&self.load, cancelled);
-        if matches!(result, Err(failure) if failure != Failure::Cancelled) && self.trail.len() > 1 {
-            // The extrapolation may have led astray: once more from the last equilibrium.
-            self.solver.u.copy_from_slice(&old_u);
-            self.place(old_offset);
-            self.solver.predict_motion(&self.load, move_by);
-            self.place(offset);
-            result = self.solver.equilibrate(&self.load, cancelled);
+        let mut tangent = own;
+        for (row, taken) in tangent.iter_mut().zip(answer) {
+            row.iter_mut().zip(taken).for_each(|(t, a)| *t -= a);
         }
-        if sticking && result.is_ok() {
-            for _ in 0..MAX_RELEASES {
-                let Load::Tool(contact) = &mut self.load else { break };
-                let model = self.solver.model;
-                let force = contact.resultant(model, &self.solver.u).force_n.length();
-                if contact.update_sticking(model, &self.solver.u) <= LET_GO * force {
-                    break;
-                }
-                result = self.solver.equilibrate(&self.load, cancelled);
-                if result.is_err() {
-                    break;
-                }
-            }
-        }
-        match result {
-            Ok(_) => {
-                self.offset = offset;
-                self.travelled = travelled;
-                self.remember();
-                Ok(())
-            }
-            Err(failure) => {
-                self.solver.u = old_u;
-                if let (Load::Tool(contact), Some(anchors)) = (&mut self.load, old_anchors) {
-                    contact.restore(anchors);
-                }
-                self.place(old_offset);
-                Err(failure)
-            }
-        }
+        Some(tangent)
     }
 
     /// A first guess: the polynomial through the last equilibria, continued.
@@ -389,11 +602,8 @@ impl<'m, 't> LoadStepper<'m, 't> {
         let solver = &self.solver;
         let model = solver.model;
         let u = &solver.u;
-        let (force_n, torque_n_m, patch_m2) = match &self.load {
-            Load::Tool(contact) => {
-                let sum = contact.resultant(model, u);
-                (sum.force_n, sum.torque_n_m, sum.patch_m2)
-            }
+        let sum = match &self.load {
+            Load::Tool(_) => self.resultant,
             Load::Held(unknowns) => self.reaction(unknowns),
         };
         let displacement_m = model.boundary().nodes.iter().map(|&node| {
@@ -403,20 +613,23 @@ impl<'m, 't> LoadStepper<'m, 't> {
         State {
             depth_m: target.depth_m,
             distance_m: target.distance_m,
-            force_n,
-            torque_n_m,
-            patch_m2,
+            force_n: sum.force_n,
+            torque_n_m: sum.torque_n_m,
+            patch_m2: sum.patch_m2,
+            pressed_n: sum.pressed_n,
+            slipping: if sum.pressed_n > 0.0 { sum.slipping_n / sum.pressed_n } else { 0.0 },
+            tangent: None,
+            indefinite: solver.indefinite,
             displacement_m: displacement_m.collect(),
             iterations,
-            ..State::default()
         }
     }
 
     /// Force on a held patch, its moment about the tip, and the patch's area.
-    fn reaction(&self, unknowns: &[usize]) -> (DVec3, DVec3, f64) {
+    fn reaction(&self, unknowns: &[usize]) -> Resultant {
         let solver = &self.solver;
         let model = solver.model;
-        let tip = self.start + self.offset;
+        let tip = self.start.tip + self.at.offset;
         let (mut force, mut torque) = (DVec3::ZERO, DVec3::ZERO);
         for &unknown in unknowns {
             let n = unknown / 3;
@@ -434,7 +647,7 @@ impl<'m, 't> LoadStepper<'m, 't> {
                 area += 0.5 * (b - a).cross(c - a).length();
             }
         }
-        (force, torque, area)
+        Resultant { force_n: force, torque_n_m: torque, patch_m2: area, ..Resultant::default() }
     }
 }
 

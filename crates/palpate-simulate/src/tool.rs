@@ -5,7 +5,7 @@
 
 use crate::path::tangents;
 use crate::{Result, SimulateError};
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use std::{fmt::Debug, sync::Arc};
 
 /// A flat punch's edge is rounded by this part of its radius, if nothing else is asked for: little enough that the
@@ -220,6 +220,11 @@ impl Placement {
     pub fn pressing(tip: DVec3, inward: DVec3) -> Self {
         let (x, y) = tangents(inward);
         Placement { tip, rotation: DMat3::from_cols(x, y, inward) }
+    }
+
+    /// Moved by `offset` (m) and turned about the tip.
+    pub fn moved(&self, offset: DVec3, rotation: DQuat) -> Self {
+        Placement { tip: self.tip + offset, rotation: DMat3::from_quat(rotation) * self.rotation }
     }
 
     /// Distance of a point of the body's frame from the tool, gradient and Hessian in that frame too.
