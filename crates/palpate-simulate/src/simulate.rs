@@ -131,7 +131,8 @@ impl Model {
         let mut walker = self.bonded(nodes.iter().copied(), centre / nodes.len().max(1) as f64);
         let mut path = Path::default();
         for &displacement in displacements {
-            let target = Target { pose: displacement.into(), depth_m: displacement.length(), distance_m: 0.0 };
+            let target =
+                Target { pose: displacement.into(), depth_m: displacement.length(), distance_m: 0.0 };
             match walker.go(&target, cancelled) {
                 Ok(state) => path.states.push(state),
                 Err(Failure::Cancelled) => return None,
@@ -311,7 +312,10 @@ impl From<DVec3> for Pose {
 
 impl Pose {
     fn towards(&self, other: &Pose, share: f64) -> Pose {
-        Pose { offset: self.offset.lerp(other.offset, share), rotation: self.rotation.slerp(other.rotation, share) }
+        Pose {
+            offset: self.offset.lerp(other.offset, share),
+            rotation: self.rotation.slerp(other.rotation, share),
+        }
     }
 }
 
@@ -540,7 +544,9 @@ impl<'m, 't> LoadStepper<'m, 't> {
                 contact.catch(model, &self.solver.u, Some((&before, &old.u)), friction);
             }
             self.solver.equilibrate(&self.load, cancelled)?;
-            let (Load::Tool(contact), true) = (&mut self.load, friction != Friction::None) else { return Ok(()) };
+            let (Load::Tool(contact), true) = (&mut self.load, friction != Friction::None) else {
+                return Ok(());
+            };
             let u = &self.solver.u;
             let force = contact.resultant(model, u).force_n.length().max(model.least_force_n);
             let mut changed = contact.release(model, u);
