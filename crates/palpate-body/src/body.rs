@@ -186,6 +186,96 @@ pub struct PointErrors {
     pub lateral_isotropic_n: f64,
 }
 
+/// How far a test point's potential is from the states that it was made from.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct PotentialErrors {
+    /// The node that was pressed at.
+    pub node: u32,
+    /// Of the states, N.
+    pub largest_force_n: f64,
+    /// How deep the tool was pressed in, m.
+    pub depth_reached_m: f64,
+    /// Whether the tool was dragged there; if not, the terms of third and fourth order are those of places around.
+    pub dragged: bool,
+    /// Of states that friction holds: |f_t| ≤ μ f_z.
+    pub held: StateErrors,
+    /// Of states with |f_t| ≤ f_z.
+    pub within: StateErrors,
+    /// Of all states.
+    pub all: StateErrors,
+    /// What the press's forces gain from state to state less what the stuck tangents say, in parts of the gain, root mean
+    /// square: 0 if both are one potential's (Betti).
+    pub reciprocity_pressed: f64,
+    /// What the potential misses of the change that drags make to the normal force, in parts of that change, root mean square.
+    pub reciprocity_dragged: f64,
+}
+
+/// Differences over some states, in % of each state's force and 5 % of the largest: median and 95th percentile.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct StateErrors {
+    /// How many states there are; without any, all else is 0.
+    pub states: u32,
+    /// Of the normal force.
+    pub normal_percent: [f64; 2],
+    /// Of the lateral force, a vector.
+    pub lateral_percent: [f64; 2],
+}
+
+impl StateErrors {
+    /// Of each state's [normal, lateral] error, %.
+    pub fn new(states: impl Iterator<Item = [f64; 2]>) -> Self {
+        let all: Vec<[f64; 2]> = states.collect();
+        let of = |which: usize| {
+            let mut sorted: Vec<f64> = all.iter().map(|e| e[which]).collect();
+            sorted.sort_by(f64::total_cmp);
+            let last = sorted.len().saturating_sub(1);
+            [0.5, 0.95].map(|part| sorted.get((part * last as f64).round() as usize).copied().unwrap_or(0.0))
+        };
+        StateErrors { states: all.len() as u32, normal_percent: of(0), lateral_percent: of(1) }
+    }
+}
+
+/// What is lost between the places that were simulated. Errors are root mean squares over the states with |f_t| ≤ f_z of a place,
+/// in % of its largest force: of the force that the others' potentials make there.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct InterpolationErrors {
+    /// Of places left out one at a time, for each way to interpolate.
+    pub left_out: Vec<LeftOut>,
+    /// Of the places that are not among so many of them, ascending.
+    pub by_count: Vec<CountErrors>,
+}
+
+/// Errors of places that were left out, one at a time.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct LeftOut {
+    /// What was made alike before potentials were blended: `none`, `stiffness` or `compliance` at rest, or `deep-press`, what a
+    /// press at the place itself would gain.
+    pub normalisation: String,
+    /// Whether the body's potentials are interpolated so.
+    pub used: bool,
+    /// Places that were left out.
+    pub places: u32,
+    /// Half of them err no more.
+    pub median_percent: f64,
+    /// One in twenty errs more.
+    pub p95_percent: f64,
+    /// Over them.
+    pub mean_percent: f64,
+}
+
+/// Errors with so many test points.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct CountErrors {
+    /// How many.
+    pub test_points: u32,
+    /// Other places, whose states they predict.
+    pub places: u32,
+    /// Half of them err no more.
+    pub median_percent: f64,
+    /// One in twenty errs more.
+    pub p95_percent: f64,
+}
+
 /// Where a body came from.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
@@ -200,9 +290,15 @@ pub struct Provenance {
     pub inputs: BTreeMap<String, String>,
     /// What was repaired or assumed on the way.
     pub notes: Vec<String>,
-    /// One for each test point, where responses come from simulated load paths.
+    /// One for each test point, where curves come from simulated load paths.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub point_errors: Vec<PointErrors>,
+    /// One for each place that was simulated, where potentials come from simulated load paths.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub potential_errors: Vec<PotentialErrors>,
+    /// Between them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub interpolation: Option<InterpolationErrors>,
 }
 
 /// What a body is made of.

@@ -56,7 +56,10 @@ pub mod stored;
 pub mod surface;
 pub mod tensor;
 
-pub use body::{BlendWeights, Body, BodyParts, Node, PointErrors, Provenance, SlipRule, Tool};
+pub use body::{
+    BlendWeights, Body, BodyParts, CountErrors, InterpolationErrors, LeftOut, Node, PointErrors,
+    PotentialErrors, Provenance, SlipRule, StateErrors, Tool,
+};
 pub use curve::{Curve, Extension, Interpolation};
 pub use error::{BodyError, Result};
 pub use gradient::{

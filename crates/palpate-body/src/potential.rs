@@ -65,6 +65,46 @@ impl Potential {
 }
 
 impl Potential {
+    /// Of its curves, in the order of the law's quantities.
+    pub fn from_curves(tangents: [DVec3; 2], curves: [Curve; QUANTITIES]) -> Self {
+        let [press, b1, b2, k11, k12, k22, c111, c112, c122, c222, quartic, friction] = curves;
+        Potential {
+            tangents,
+            press,
+            offset: [b1, b2],
+            stiffness: [k11, k12, k22],
+            cubic: [c111, c112, c122, c222],
+            quartic,
+            friction,
+        }
+    }
+
+    /// The same potential in other tangents of the same plane.
+    ///
+    /// # Errors
+    /// Curves on different knots, which [`Potential::validate`] refuses too.
+    pub fn seen_in(&self, tangents: [DVec3; 2]) -> Result<Self> {
+        let turn = turn(&self.tangents, &tangents);
+        let curves = self.curves();
+        let knots = self.press.knots();
+        if curves.iter().any(|c| c.knots() != knots) {
+            return Err(BodyError::invalid(
+                "potential",
+                "its curves are on different knots",
+                "bring them together",
+            ));
+        }
+        let all: Vec<[[f64; QUANTITIES]; 4]> = (0..knots.len() - 1)
+            .map(|i| std::array::from_fn(|j| turned(curves.map(|c| c.ordinates()[i][j]), turn)))
+            .collect();
+        let mut made = curves.map(Clone::clone);
+        for (q, curve) in made.iter_mut().enumerate() {
+            let ordinates: Vec<[f64; 4]> = all.iter().map(|row| row.map(|x| x[q])).collect();
+            *curve = Curve::from_ordinates(knots, &ordinates, curve.extension())?;
+        }
+        Ok(Potential::from_curves(tangents, made))
+    }
+
     /// The eigenvalues of K at a depth, N/m, the smaller first.
     pub fn principal_stiffness(&self, depth: f64) -> [f64; 2] {
         eigenvalues(self.stiffness.each_ref().map(|k| k.value(depth)))
@@ -425,31 +465,41 @@ impl PotentialAt<'_> {
 
     /// Powers of its quantities but μ, of a deflection ξ in other tangents: K and C as they look there.
     pub(crate) fn seen_from(&self, tangents: &[DVec3; 2]) -> CoupledRow {
-        // ξ = M η for η in the other tangents.
-        let [[a, b], [c, d]] = self.tangents.map(|t| tangents.map(|s| t.dot(s)));
-        self.row.map(|[f, b1, b2, k1, k2, k3, c1, c2, c3, c4, q, mu]| {
-            [
-                f,
-                a * b1 + c * b2,
-                b * b1 + d * b2,
-                a * a * k1 + 2.0 * a * c * k2 + c * c * k3,
-                a * b * k1 + (a * d + b * c) * k2 + c * d * k3,
-                b * b * k1 + 2.0 * b * d * k2 + d * d * k3,
-                a * a * a * c1 + a * a * c * c2 + a * c * c * c3 + c * c * c * c4,
-                3.0 * a * a * b * c1
-                    + (a * a * d + 2.0 * a * b * c) * c2
-                    + (b * c * c + 2.0 * a * c * d) * c3
-                    + 3.0 * c * c * d * c4,
-                3.0 * a * b * b * c1
-                    + (b * b * c + 2.0 * a * b * d) * c2
-                    + (a * d * d + 2.0 * b * c * d) * c3
-                    + 3.0 * c * d * d * c4,
-                b * b * b * c1 + b * b * d * c2 + b * d * d * c3 + d * d * d * c4,
-                q,
-                mu,
-            ]
-        })
+        let turn = turn(self.tangents, tangents);
+        self.row.map(|row| turned(row, turn))
     }
+}
+
+/// M of ξ = M η, for η in the other tangents.
+fn turn(own: &[DVec3; 2], other: &[DVec3; 2]) -> [[f64; 2]; 2] {
+    own.map(|t| other.map(|s| t.dot(s)))
+}
+
+/// A law's quantities as they look from tangents with this turn.
+fn turned(
+    [f, b1, b2, k1, k2, k3, c1, c2, c3, c4, q, mu]: [f64; QUANTITIES],
+    [[a, b], [c, d]]: [[f64; 2]; 2],
+) -> [f64; QUANTITIES] {
+    [
+        f,
+        a * b1 + c * b2,
+        b * b1 + d * b2,
+        a * a * k1 + 2.0 * a * c * k2 + c * c * k3,
+        a * b * k1 + (a * d + b * c) * k2 + c * d * k3,
+        b * b * k1 + 2.0 * b * d * k2 + d * d * k3,
+        a * a * a * c1 + a * a * c * c2 + a * c * c * c3 + c * c * c * c4,
+        3.0 * a * a * b * c1
+            + (a * a * d + 2.0 * a * b * c) * c2
+            + (b * c * c + 2.0 * a * c * d) * c3
+            + 3.0 * c * c * d * c4,
+        3.0 * a * b * b * c1
+            + (b * b * c + 2.0 * a * b * d) * c2
+            + (a * d * d + 2.0 * b * c * d) * c3
+            + 3.0 * c * d * d * c4,
+        b * b * b * c1 + b * b * d * c2 + b * d * d * c3 + d * d * d * c4,
+        q,
+        mu,
+    ]
 }
 
 impl CoupledLaw {

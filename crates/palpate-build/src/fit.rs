@@ -105,7 +105,7 @@ impl FitInputs {
             spec: spec.map(|s| s.text.clone()),
             inputs: digests(&inputs)?,
             notes: notes.clone(),
-            point_errors: Vec::new(),
+            ..Provenance::default()
         };
         let body = Body::new(BodyParts {
             surface,

@@ -8,7 +8,7 @@ mod field;
 pub use field::LEVELS;
 
 use anyhow::{Result, anyhow};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use palpate_body::TriangleMesh;
 use palpate_files as files;
 use palpate_simulate::{Drag, Path as LoadPath, PointPaths, PointPlan, State, Stop};
@@ -23,14 +23,14 @@ use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 const SCHEMA: &str = "palpate-paths";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const UNITS: &str = "SI: m, N, N m";
 /// Bytes of the header's length, which the file begins with.
 const LENGTH: usize = size_of::<u64>();
 /// Bytes a header may have; 5,000 points with four drags have 10 MB.
 const MAX_HEADER: u64 = 90 << 20;
 /// Columns of a point's states.
-pub const COLUMNS: [&str; 11] = [
+pub const COLUMNS: [&str; 14] = [
     "depth_m",
     "distance_m",
     "force_x_n",
@@ -41,11 +41,18 @@ pub const COLUMNS: [&str; 11] = [
     "torque_z_n_m",
     "patch_m2",
     "iterations",
+    "pressed_n",
+    "slipping",
+    "indefinite",
     "displacement_unit_m",
 ];
+/// Version 1 had none of the three before the last.
+const COLUMNS_1: usize = 11;
+/// Numbers of a stuck tangent.
+const TANGENT: usize = 36;
 
 /// What a run was asked. Runs of equal plans give equal records.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PathsPlan {
     /// Name and version of the program.
@@ -56,6 +63,13 @@ pub struct PathsPlan {
     pub spec: String,
     /// SHA-256 of each file that the spec names, by the name it has there.
     pub inputs: BTreeMap<String, String>,
+    /// The contact that was simulated; `None`: what the spec says or, where it says nothing, what was the default of files of
+    /// version 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contact: Option<String>,
+    /// The kind of machine (see [`palpate_simulate::instruction_set`]); files of version 1 don't say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub machine: Option<String>,
 }
 
 impl PathsPlan {
@@ -73,6 +87,13 @@ impl PathsPlan {
         if self.software != other.software {
             return Some(format!("the program ({}, now {})", self.software, other.software));
         }
+        if self.machine != other.machine {
+            let kind = |plan: &PathsPlan| plan.machine.clone().unwrap_or_else(|| "unknown".into());
+            return Some(format!("the kind of machine ({}, now {})", kind(self), kind(other)));
+        }
+        if self.contact != other.contact {
+            return Some("the default contact".into());
+        }
         (self != other).then(|| format!("the spec's name ({}, now {})", self.spec_name, other.spec_name))
     }
 }
@@ -82,8 +103,11 @@ impl PathsPlan {
 pub struct Scene {
     /// The surface that is touched, repaired, m.
     pub surface: TriangleMesh,
-    /// Stiffness of the body at rest at each node that this surface gets (more than one where it is creased), N/m: what responses go with between test points.
+    /// Stiffness of the body at rest at each node that this surface gets (more than one where
+    /// it is creased), N/m: what responses go with between test points.
     pub guide_n_per_m: Vec<f64>,
+    /// The compliance at rest that it comes from, in the body's axes, m/N; empty if it was not found.
+    pub compliance_m_per_n: Vec<DMat3>,
     /// Nodes of the simulated mesh's boundary at rest, m; displacement fields are theirs.
     pub boundary_m: Vec<DVec3>,
     /// Its faces: indices into `boundary_m`, three corners and the middles of the edges 01, 12, 20.
@@ -113,6 +137,9 @@ struct Entry {
     press: PathEntry,
     dragged: Vec<PathEntry>,
     boundary_nodes: u32,
+    /// Which of the press's states have a stuck tangent.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    tangents: Vec<u32>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -150,6 +177,7 @@ impl PathEntry {
 pub struct Point {
     entry: Entry,
     states: Vec<u8>,
+    tangents: Vec<u8>,
     fields: Fields,
     digest: String,
 }
@@ -197,6 +225,8 @@ impl Point {
         };
         let all: Vec<&State> =
             std::iter::once(&paths.press).chain(&paths.drags).flat_map(|path| &path.states).collect();
+        let press = || paths.press.states.iter().enumerate();
+        let with_tangent = || press().filter_map(|(i, s)| Some((i, s.tangent.as_ref()?)));
         // Fields are kept for all states or for none.
         let nodes = if all.iter().all(|s| s.displacement_m.len() == nodes) { nodes } else { 0 };
         let entry = Entry {
@@ -209,17 +239,38 @@ impl Point {
             press: PathEntry::of(&paths.press),
             dragged: paths.drags.iter().map(PathEntry::of).collect(),
             boundary_nodes: nodes as u32,
+            tangents: with_tangent().map(|(i, _)| i as u32).collect(),
         };
         let row = |s: &&State| {
             let (f, t) = (s.force_n, s.torque_n_m);
             let unit = if nodes > 0 { field::unit_m(&s.displacement_m) } else { 0.0 };
             let iterations = f64::from(s.iterations);
-            [s.depth_m, s.distance_m, f.x, f.y, f.z, t.x, t.y, t.z, s.patch_m2, iterations, unit]
+            let indefinite = f64::from(u8::from(s.indefinite));
+            [
+                [s.depth_m, s.distance_m, f.x, f.y, f.z, t.x, t.y].as_slice(),
+                &[t.z, s.patch_m2, iterations, s.pressed_n, s.slipping, indefinite, unit],
+            ]
+            .concat()
         };
         let states: Vec<u8> = all.iter().flat_map(row).flat_map(f64::to_le_bytes).collect();
+        let tangents = with_tangent().flat_map(|(_, t)| t.as_flattened().iter().copied());
+        let tangents: Vec<u8> = tangents.flat_map(f64::to_le_bytes).collect();
         let fields = if nodes > 0 { field::compress(&all, nodes) } else { Vec::new() };
-        let digest = digest(&entry, &states, &fields);
-        Point { entry, states, fields: Fields::Here(fields), digest }
+        let digest = digest(&entry, [&states, &tangents, &fields]);
+        Point { entry, states, tangents, fields: Fields::Here(fields), digest }
+    }
+
+    /// From a file of an older version, whose states have no column between the iterations and the displacements' unit.
+    fn upgraded(self) -> Result<Self> {
+        let mut states = Vec::with_capacity(self.states.len() / COLUMNS_1 * COLUMNS.len());
+        for row in self.states.chunks_exact(8 * COLUMNS_1) {
+            let (known, unit) = row.split_at(8 * (COLUMNS_1 - 1));
+            states.extend_from_slice(known);
+            states.extend([0; 8 * (COLUMNS.len() - COLUMNS_1)]);
+            states.extend_from_slice(unit);
+        }
+        let digest = digest(&self.entry, [&states, &self.tangents, &self.fields.bytes()?]);
+        Ok(Point { states, digest, ..self })
     }
 
     /// Which test point.
@@ -257,15 +308,30 @@ impl Point {
                 force_n: DVec3::new(number(2), number(3), number(4)),
                 torque_n_m: DVec3::new(number(5), number(6), number(7)),
                 patch_m2: number(8),
-                displacement_m: Vec::new(),
                 iterations: number(9) as u32,
+                pressed_n: number(10),
+                slipping: number(11),
+                indefinite: number(12) != 0.0,
+                tangent: None,
+                displacement_m: Vec::new(),
             }
         });
         let mut path = |entry: &PathEntry| LoadPath {
             states: rows.by_ref().take(entry.states as usize).collect(),
             stopped: entry.stopped.as_ref().map(|s| Stop { at_m: s.at_m, why: s.why.clone() }),
         };
-        PointPaths { press: path(&self.entry.press), drags: self.entry.dragged.iter().map(path).collect() }
+        let mut paths = PointPaths {
+            press: path(&self.entry.press),
+            drags: self.entry.dragged.iter().map(path).collect(),
+        };
+        for (&i, tangent) in self.entry.tangents.iter().zip(numbers(&self.tangents).as_chunks::<TANGENT>().0)
+        {
+            if let Some(state) = paths.press.states.get_mut(i as usize) {
+                let row = |r: usize| std::array::from_fn(|c| tangent[6 * r + c]);
+                state.tangent = Some(Box::new(std::array::from_fn(row)));
+            }
+        }
+        paths
     }
 
     /// What came of it, with displacements, each of them within half of 1/[`LEVELS`] of its state's largest.
@@ -273,7 +339,7 @@ impl Point {
     /// # Errors
     /// The file that they are in can't be read or was changed.
     pub fn paths_with_displacements(&self) -> Result<PointPaths> {
-        let units: Vec<f64> = self.units_m();
+        let units: Vec<f64> = self.units_m(COLUMNS.len());
         let bytes = self.fields.bytes()?;
         let fields = if self.entry.boundary_nodes == 0 {
             vec![Vec::new(); units.len()]
@@ -288,22 +354,29 @@ impl Point {
         Ok(paths)
     }
 
-    fn units_m(&self) -> Vec<f64> {
+    fn units_m(&self, columns: usize) -> Vec<f64> {
         let unit = |row: &[u8]| row.last_chunk().map_or(0.0, |b| f64::from_le_bytes(*b));
-        self.states.chunks_exact(8 * COLUMNS.len()).map(unit).collect()
+        self.states.chunks_exact(8 * columns).map(unit).collect()
     }
 
-    /// Everything that a damaged or foreign record could get wrong.
-    fn check(&self) -> std::result::Result<(), String> {
+    /// Everything that a damaged or foreign record with this many columns could get wrong.
+    fn check(&self, columns: usize) -> std::result::Result<(), String> {
         let e = &self.entry;
         let bad = |problem: &str| Err(format!("point {}: {problem}", e.index));
         let fields = self.fields.bytes().map_err(|e| e.to_string())?;
-        if digest(e, &self.states, &fields) != self.digest {
+        if digest(e, [&self.states, &self.tangents, &fields]) != self.digest {
             return bad("its digest is another");
         }
         let rows: usize = std::iter::once(&e.press).chain(&e.dragged).map(|p| p.states as usize).sum();
-        if self.states.len() != rows * 8 * COLUMNS.len() {
+        if self.states.len() != rows * 8 * columns {
             return bad("its states are too few or too many");
+        }
+        let ascend = e.tangents.windows(2).all(|i| i[0] < i[1]);
+        if !ascend
+            || e.tangents.last().is_some_and(|i| *i >= e.press.states)
+            || self.tangents.len() != e.tangents.len() * 8 * TANGENT
+        {
+            return bad("its tangents are not those of its states");
         }
         if e.press.states as usize > e.depths_m.len() || e.dragged.len() != e.drags.len() {
             return bad("its paths are not those of its plan");
@@ -314,36 +387,36 @@ impl Point {
                 return bad("a drag has more states than its plan");
             }
         }
-        let numbers = self.states.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b));
+        let numbers = [&self.states, &self.tangents].into_iter().flat_map(|bytes| numbers(bytes));
         let planned = e.point_m.iter().chain(&e.inward).chain(&e.depths_m);
         let planned = planned.chain(e.drags.iter().flat_map(|d| d.direction.iter().chain(&d.distances_m)));
         if !numbers.chain(planned.copied()).all(f64::is_finite) {
             return bad("a number of it is not finite");
         }
         if e.boundary_nodes > 0
-            && field::expand(&fields, &self.units_m(), e.boundary_nodes as usize).is_none()
+            && field::expand(&fields, &self.units_m(columns), e.boundary_nodes as usize).is_none()
         {
             return bad("its displacements are damaged");
         }
         Ok(())
     }
 
-    fn tensors(&self) -> [(String, Dtype, Vec<usize>); 2] {
+    fn tensors(&self) -> [(String, Dtype, Vec<usize>); 3] {
         let i = self.entry.index;
         let rows = self.states.len() / (8 * COLUMNS.len());
         [
             (format!("states_{i}"), F64, vec![rows, COLUMNS.len()]),
+            (format!("tangents_{i}"), F64, vec![self.entry.tangents.len(), 6, 6]),
             (format!("fields_{i}"), U8, vec![self.fields.len() as usize]),
         ]
     }
 }
 
-fn digest(entry: &Entry, states: &[u8], fields: &[u8]) -> String {
+fn digest(entry: &Entry, tensors: [&[u8]; 3]) -> String {
     let mut hash = Sha256::new();
     // An entry that can't be written has an empty text, and so its own digest.
     hash.update(serde_json::to_vec(entry).unwrap_or_default());
-    hash.update(states);
-    hash.update(fields);
+    tensors.into_iter().for_each(|bytes| hash.update(bytes));
     let mut text = String::new();
     for byte in hash.finalize() {
         let _ = write!(text, "{byte:02x}");
@@ -381,6 +454,7 @@ struct PathsHeader {
 const SURFACE_POSITIONS: &str = "surface_positions_m";
 const SURFACE_TRIANGLES: &str = "surface_triangles";
 const GUIDE: &str = "guide_n_per_m";
+const COMPLIANCE: &str = "rest_compliance_m_per_n";
 const BOUNDARY_POSITIONS: &str = "boundary_positions_m";
 const BOUNDARY_FACES: &str = "boundary_faces";
 
@@ -401,14 +475,15 @@ impl PathsRecord {
     fn layout(&self) -> Vec<(String, Dtype, Vec<usize>)> {
         let mut layout = Vec::new();
         let (states, fields): (Vec<_>, Vec<_>) =
-            self.points.values().map(|p| p.tensors()).map(|[s, f]: [_; 2]| (s, f)).unzip();
+            self.points.values().map(|p| p.tensors()).map(|[s, t, f]: [_; 3]| ([s, t], f)).unzip();
         let scene = self.scene.as_ref();
         if let Some(scene) = scene {
             layout.push((SURFACE_POSITIONS.into(), F64, vec![scene.surface.positions.len(), 3]));
             layout.push((GUIDE.into(), F64, vec![scene.guide_n_per_m.len(), 1]));
+            layout.push((COMPLIANCE.into(), F64, vec![scene.compliance_m_per_n.len(), 6]));
             layout.push((BOUNDARY_POSITIONS.into(), F64, vec![scene.boundary_m.len(), 3]));
         }
-        layout.extend(states);
+        layout.extend(states.into_iter().flatten());
         if let Some(scene) = scene {
             layout.push((SURFACE_TRIANGLES.into(), U32, vec![scene.surface.triangles.len(), 3]));
             layout.push((BOUNDARY_FACES.into(), U32, vec![scene.faces.len(), 6]));
@@ -459,9 +534,13 @@ impl PathsRecord {
         if let Some(scene) = &self.scene {
             doubles(&mut scene.surface.positions.iter().flat_map(|v| v.to_array()))?;
             doubles(&mut scene.guide_n_per_m.iter().copied())?;
+            doubles(&mut scene.compliance_m_per_n.iter().flat_map(six))?;
             doubles(&mut scene.boundary_m.iter().flat_map(|v| v.to_array()))?;
         }
-        self.points.values().try_for_each(|p| out.write_all(&p.states))?;
+        for point in self.points.values() {
+            out.write_all(&point.states)?;
+            out.write_all(&point.tangents)?;
+        }
         if let Some(scene) = &self.scene {
             let numbers = scene.surface.triangles.iter().flatten().chain(scene.faces.iter().flatten());
             numbers.map(|n| n.to_le_bytes()).try_for_each(|bytes| out.write_all(&bytes))?;
@@ -470,7 +549,7 @@ impl PathsRecord {
             let fields = point.fields.bytes()?;
             // The file that it comes from may have been changed since it was read.
             anyhow::ensure!(
-                digest(&point.entry, &point.states, &fields) == point.digest,
+                digest(&point.entry, [&point.states, &point.tangents, &fields]) == point.digest,
                 "point {}: its record was changed while it was read; run the command again",
                 point.entry.index
             );
@@ -512,12 +591,14 @@ impl PathsRecord {
         if head.text("schema")? != SCHEMA {
             return Err(bad(format!("its schema is `{}`", head.text("schema")?.escape_debug())));
         }
-        if head.text("version")?.parse::<u32>().is_ok_and(|v| v > VERSION) {
+        let version = head.text("version")?.parse::<u32>().unwrap_or(0);
+        if version > VERSION {
             return Err(anyhow!("{}: a newer palpate made it; update", path.display()));
         }
-        if head.text("version")? != VERSION.to_string() || head.text("units")? != UNITS {
+        if version == 0 || head.text("units")? != UNITS {
             return Err(bad("its version or units are unknown".into()));
         }
+        let columns = if version == 1 { COLUMNS_1 } else { COLUMNS.len() };
         let begin = LENGTH as u64 + length;
         if begin + header.data_len() as u64 != size.len() {
             return Err(bad(format!("it has {} bytes, not those its header tells", size.len())));
@@ -548,6 +629,10 @@ impl PathsRecord {
                         triangles: indices(&read(tensor(SURFACE_TRIANGLES, U32, &[3])?)?),
                     },
                     guide_n_per_m: numbers(&read(tensor(GUIDE, F64, &[1])?)?),
+                    compliance_m_per_n: match version {
+                        1 => Vec::new(),
+                        _ => symmetric(&read(tensor(COMPLIANCE, F64, &[6])?)?),
+                    },
                     boundary_m: vectors(&read(tensor(BOUNDARY_POSITIONS, F64, &[3])?)?),
                     faces: indices(&read(tensor(BOUNDARY_FACES, U32, &[6])?)?),
                     notes: head.json("notes")?,
@@ -556,6 +641,7 @@ impl PathsRecord {
                 let (nodes, boundary) = (scene.surface.positions.len(), scene.boundary_m.len());
                 if !scene.surface.triangles.iter().flatten().all(|n| within(n, nodes))
                     || !scene.faces.iter().flatten().all(|n| within(n, boundary))
+                    || !scene.compliance_m_per_n.iter().all(|s| s.is_finite())
                     || !scene.guide_n_per_m.iter().all(|g| *g > 0.0 && g.is_finite())
                     || !scene.surface.positions.iter().chain(&scene.boundary_m).all(|p| p.is_finite())
                 {
@@ -568,12 +654,19 @@ impl PathsRecord {
         for Listed { entry, sha256 } in listed {
             let entry: Entry = serde_json::from_value(entry).map_err(|e| bad(format!("points: {e}")))?;
             let index = entry.index;
-            let states = read(tensor(&format!("states_{index}"), F64, &[COLUMNS.len()])?)?;
+            let states = read(tensor(&format!("states_{index}"), F64, &[columns])?)?;
+            let tangents = match version {
+                1 => Vec::new(),
+                _ => read(tensor(&format!("tangents_{index}"), F64, &[6, 6])?)?,
+            };
             let (start, end) = tensor(&format!("fields_{index}"), U8, &[])?;
             let (start, length) = (begin + start as u64, (end - start) as u64);
             let fields = Fields::In { file: path.to_path_buf(), start, length };
-            let point = Point { entry, states, fields, digest: sha256 };
-            point.check().map_err(bad)?;
+            let mut point = Point { entry, states, tangents, fields, digest: sha256 };
+            point.check(columns).map_err(bad)?;
+            if version == 1 {
+                point = point.upgraded()?;
+            }
             let nodes = scene.as_ref().map_or(u64::from(u32::MAX), |s| s.surface.positions.len() as u64);
             let foreign = index >= total || u64::from(point.entry.node) >= nodes;
             if foreign || points.insert(index, point).is_some() {
@@ -602,6 +695,19 @@ impl Head<'_> {
 
 fn numbers(bytes: &[u8]) -> Vec<f64> {
     bytes.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect()
+}
+
+/// xx, yy, zz, xy, xz, yz.
+fn six(m: &DMat3) -> [f64; 6] {
+    [m.x_axis.x, m.y_axis.y, m.z_axis.z, m.x_axis.y, m.x_axis.z, m.y_axis.z]
+}
+
+fn symmetric(bytes: &[u8]) -> Vec<DMat3> {
+    let rows = numbers(bytes);
+    let matrix = |&[xx, yy, zz, xy, xz, yz]: &[f64; 6]| {
+        DMat3::from_cols(DVec3::new(xx, xy, xz), DVec3::new(xy, yy, yz), DVec3::new(xz, yz, zz))
+    };
+    rows.as_chunks::<6>().0.iter().map(matrix).collect()
 }
 
 fn vectors(bytes: &[u8]) -> Vec<DVec3> {

@@ -6,7 +6,7 @@ mod simulation;
 mod tool;
 
 pub use material::{Material, MaterialLaw, Volume};
-pub use simulation::{Fixed, MeshSizes, Place, Region, Selection, Simulation, TestPoints};
+pub use simulation::{Fixed, Law, MeshSizes, Place, Region, Selection, Simulation, TestPoints};
 pub use tool::{Contact, ToolShape};
 
 use crate::law::AnalyticLaw;
@@ -89,6 +89,7 @@ struct Raw {
     friction: Option<Spanned<RawFriction>>,
     deflection: Option<RawDeflection>,
     test_points: Option<toml::Value>,
+    fit: Option<toml::Value>,
     mesh: Option<toml::Value>,
     slip: Option<RawSlip>,
     response: Option<RawResponse>,
@@ -128,6 +129,7 @@ impl Spec {
             ("[material]", raw.material.is_some()),
             ("[test_points]", raw.test_points.is_some()),
             ("[mesh]", raw.mesh.is_some()),
+            ("[fit]", raw.fit.is_some()),
             ("[[body.fixed]]", body.is_some_and(|b| b.fixed.is_some())),
             (
                 "[tool] contact",

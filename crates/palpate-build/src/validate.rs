@@ -393,7 +393,7 @@ impl Tried {
             })
             .collect();
         let press = rows(&paths.press, |s| s.depth_m);
-        let record = PointRecord { node: 0, inward: self.inward, press, drags, stopped: None };
+        let record = PointRecord { inward: self.inward, press, drags, ..PointRecord::default() };
         let distances = self.plan.drags.first()?.distances.iter().copied();
         let knots: Vec<f64> = std::iter::once(0.0).chain(distances).collect();
         fit_point(&record, &knots, false).ok().filter(|fit| fit.lateral.is_some())

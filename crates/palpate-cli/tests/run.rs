@@ -72,6 +72,7 @@ impl PointSolver for Fake {
                 .map(|i| [depth as f32 * (i as f32).sin(), distance as f32, 1e-4 * (i as f32).cos()])
                 .collect(),
             iterations: 3,
+            ..State::default()
         };
         let stop = |at_m| Some(Stop { at_m, why: "an element inverted".into() });
         let reached = match point.node % 7 {
@@ -101,19 +102,21 @@ fn plan() -> PathsPlan {
         spec_name: "ball.toml".into(),
         spec: SPEC.into(),
         inputs: BTreeMap::from([("ball.msh".to_string(), "0".repeat(64))]),
+        ..PathsPlan::default()
     }
 }
 
 fn prepared(pause: Duration) -> Prepared<Fake> {
-    let spec = Spec::parse(Path::new("ball.toml"), SPEC.into()).unwrap();
-    let simulation = spec.simulation(Path::new("ball.toml")).unwrap();
+    let path = Path::new("ball.toml");
+    let spec = Spec::parse(path, SPEC.into()).unwrap();
+    let simulation = spec.simulation_by_default(path, "frictionless").unwrap();
     let triangles = Shape::Sphere { radius_mm: 30.0 }.mesh(Resolution::default()).unwrap();
     let surface = assemble::surface(&spec, &triangles).unwrap();
     let every = surface.positions().len() / POINTS;
     let points = (0..POINTS).map(|i| {
         let node = i * every;
         let (p, u) = (surface.positions()[node], surface.inward_normals()[node]);
-        TestPoint { node: node as u32, plan: prepare::point_plan(&simulation, p, u) }
+        TestPoint { node: node as u32, plan: prepare::point_plan(&simulation, p, u, true) }
     });
     let points = points.collect();
     let nodes = triangles.positions.len();
@@ -123,8 +126,9 @@ fn prepared(pause: Duration) -> Prepared<Fake> {
         faces: triangles.triangles.iter().map(|&[a, b, c]| [a, b, c, a, b, c]).collect(),
         surface: triangles,
         notes: vec!["a note".into()],
+        ..Scene::default()
     };
-    Prepared { scene, points, solver: Fake { pause, nodes, solved: AtomicUsize::new(0) } }
+    Prepared { scene, points, solver: Fake { pause, nodes, solved: AtomicUsize::new(0) }, rounds: None }
 }
 
 fn options(folder: &Path) -> Options {
@@ -166,8 +170,8 @@ fn begin(options: &Options, plan: &PathsPlan, count: usize) {
         }
     }
     let prepare = || {
-        let Prepared { scene, points, solver } = prepared(Duration::ZERO);
-        Ok(Prepared { scene, points, solver: Few(solver, count, AtomicUsize::new(0)) })
+        let Prepared { scene, points, solver, rounds } = prepared(Duration::ZERO);
+        Ok(Prepared { scene, points, solver: Few(solver, count, AtomicUsize::new(0)), rounds })
     };
     match run::run(plan, options, prepare, &(), &AtomicBool::new(false)) {
         Err(Stopped::Cancelled { done, of: POINTS }) => assert_eq!(done, count),
@@ -228,7 +232,7 @@ fn the_record_tells_what_was_simulated() {
     let options = options(directory.path());
     whole(&options);
     let record = PathsRecord::open(&options.record).unwrap();
-    let Prepared { scene, points, solver } = prepared(Duration::ZERO);
+    let Prepared { scene, points, solver, .. } = prepared(Duration::ZERO);
     assert_eq!(record.scene, Some(scene));
     assert_eq!(record.points.len(), POINTS);
     for (index, point) in &record.points {
@@ -280,8 +284,8 @@ fn a_stopped_run_goes_on() {
             self.0.simulate(point, cancelled)
         }
     }
-    let Prepared { scene, points, solver } = counted;
-    let prepare = || Ok(Prepared { scene, points, solver: Counted(solver, solved) });
+    let Prepared { scene, points, solver, rounds } = counted;
+    let prepare = || Ok(Prepared { scene, points, solver: Counted(solver, solved), rounds });
     let (_, workspace) = run::run(&plan(), &resumed, prepare, &(), &never).unwrap();
     assert_eq!(solved.load(Ordering::SeqCst), POINTS - 7);
     assert!(fs::read(&resumed.record).unwrap() == expected.0);
@@ -312,6 +316,10 @@ fn what_changed_is_named_and_nothing_is_lost() {
         (
             PathsPlan { inputs: [("ball.msh".to_string(), "1".repeat(64))].into(), ..plan() },
             "the file ball.msh",
+        ),
+        (
+            PathsPlan { machine: Some("x86-64-v9".into()), ..plan() },
+            "(unknown, now x86-64-v9) is another than when this run was begun; go on with it on a machine of that kind",
         ),
     ];
     for (plan, what) in changed {

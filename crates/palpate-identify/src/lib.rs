@@ -6,8 +6,8 @@
 //!
 //! Curves pass through every sample: what is noisy must be smoothed first.
 //!
-//! Where samples come from a simulation, [`test_points()`] chooses where to simulate, and [`fit_paths`] makes curves and
-//! lateral tensors of the load paths, with their errors.
+//! Where samples come from a simulation, [`test_points()`] chooses where to simulate; [`fit_coupled`] makes potentials of
+//! sticking load paths, and [`fit_paths`] curves and lateral tensors, with their errors.
 //!
 //! ```no_run
 //! use palpate_body::{Body, BodyParts, Provenance, SlipRule, Tool, shape::Shape};
@@ -26,6 +26,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod between;
+mod coupled;
 mod error;
 mod fit;
 mod geodesic;
@@ -35,10 +37,11 @@ mod samples;
 mod spread;
 mod test_points;
 
+pub use coupled::{CoupledFit, CoupledOptions, fit_coupled, further_points};
 pub use error::FitError;
 pub use fit::{Fit, FitOptions, FitReport, PointReport, fit};
 pub use paths::{DragRecord, PathFit, PathOptions, PointFit, PointRecord, fit_paths, fit_point};
-pub use potential::{ContactSample, PotentialFit, PotentialOptions, fit_potential};
+pub use potential::{ContactSample, ContactStiffness, PotentialFit, PotentialOptions, fit_potential};
 pub use samples::{Component, Sample, read_samples};
 pub use spread::spread;
-pub use test_points::{Amount, test_points, touchable};
+pub use test_points::{Amount, spread_among, test_points, touchable};

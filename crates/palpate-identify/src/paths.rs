@@ -22,6 +22,9 @@ pub struct PointRecord {
     pub inward: DVec3,
     /// Depth (m, ascending, positive) and force on the body (N).
     pub press: Vec<(f64, DVec3)>,
+    /// Depth (m) of pressed states, and how the force on the body changes there with a small motion of the tool that sticks,
+    /// N/m: symmetric, in the body's axes.
+    pub stiffness: Vec<(f64, DMat3)>,
     /// Drags from pressed states.
     pub drags: Vec<DragRecord>,
     /// Why a path ended early, if one did.
@@ -200,15 +203,7 @@ fn apply_prior(
         );
         return;
     }
-    // The line through (ln g, ln f); where g does not vary it tells nothing.
-    let logs: Vec<(f64, f64)> =
-        own.iter().zip(&forces).map(|(g, f)| (libm::log(*g), libm::log(*f))).collect();
-    let n = logs.len() as f64;
-    let (gm, fm) = logs.iter().fold((0.0, 0.0), |(a, b), l| (a + l.0 / n, b + l.1 / n));
-    let (gg, gf) = logs
-        .iter()
-        .fold((0.0, 0.0), |(gg, gf), l| (gg + (l.0 - gm) * (l.0 - gm), gf + (l.0 - gm) * (l.1 - fm)));
-    let power = if gg > 1e-6 * n { (gf / gg).clamp(0.0, 2.0) } else { 0.0 };
+    let power = prior_power(&own, &forces);
     for (blend, &g) in blends.iter_mut().zip(compliance_prior) {
         let values = blend.test_points.map(|t| forces[t as usize]);
         let quotient: f64 = (0..3)
@@ -219,7 +214,19 @@ fn apply_prior(
     notes.push(format!("blends follow the compliance prior: the normal force goes as its power {power:.2}"));
 }
 
-fn check(r: usize, record: &PointRecord, surface: &Surface) -> Result<(), FitError> {
+/// The power of a prior g that positive forces f go with: the slope of the line through (ln g, ln f); where g does not vary it
+/// tells nothing.
+pub(crate) fn prior_power(own: &[f64], forces: &[f64]) -> f64 {
+    let logs: Vec<(f64, f64)> = own.iter().zip(forces).map(|(g, f)| (libm::log(*g), libm::log(*f))).collect();
+    let n = logs.len() as f64;
+    let (gm, fm) = logs.iter().fold((0.0, 0.0), |(a, b), l| (a + l.0 / n, b + l.1 / n));
+    let (gg, gf) = logs
+        .iter()
+        .fold((0.0, 0.0), |(gg, gf), l| (gg + (l.0 - gm) * (l.0 - gm), gf + (l.0 - gm) * (l.1 - fm)));
+    if gg > 1e-6 * n { (gf / gg).clamp(0.0, 2.0) } else { 0.0 }
+}
+
+pub(crate) fn check(r: usize, record: &PointRecord, surface: &Surface) -> Result<(), FitError> {
     let place = |of: &str| format!("record {r} (node {}){of}", record.node);
     let bad = |place: String, problem: String| {
         Err(FitError::invalid(place, problem, "this is a mistake of the simulation: report it"))
@@ -251,6 +258,11 @@ fn check(r: usize, record: &PointRecord, surface: &Surface) -> Result<(), FitErr
             last = *at;
         }
     }
+    if let Some((at, k)) =
+        record.stiffness.iter().find(|(at, k)| !(*at > 0.0 && *at <= 10.0 && k.is_finite()))
+    {
+        return bad(place(", stiffness"), format!("at {at} m it is {k} N/m"));
+    }
     Ok(())
 }
 
@@ -274,7 +286,7 @@ fn distances<'a>(records: &'a [&PointRecord], anisotropic: bool) -> impl Iterato
     rows.chain((anisotropic && end > 0.0).then_some(1.2 * end))
 }
 
-fn friction(rows: &[(f64, f64)], knots: &[f64]) -> Result<Curve, FitError> {
+pub(crate) fn friction(rows: &[(f64, f64)], knots: &[f64]) -> Result<Curve, FitError> {
     let bad = |problem: String| {
         Err(FitError::invalid(
             "friction",

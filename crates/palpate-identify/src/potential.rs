@@ -24,6 +24,20 @@ pub struct ContactSample {
     pub weight: f64,
 }
 
+/// How the force on the body changes with a small motion of the tool, which is pressed straight in and sticks: the stuck
+/// tangent, in a test point's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ContactStiffness {
+    /// δz, m.
+    pub depth_m: f64,
+    /// |f| there, N: its error counts in parts of that.
+    pub force_n: f64,
+    /// Of f_z, f_t1, f_t2 by δz, ξ₁, ξ₂, N/m; symmetric.
+    pub stiffness_n_per_m: [[f64; 3]; 3],
+    /// How much its relative error counts; 1 is usual.
+    pub weight: f64,
+}
+
 /// How samples become a potential.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PotentialOptions {
@@ -63,6 +77,8 @@ const RUN_OUT: f64 = 1.15;
 const KNOTS: usize = 16;
 /// Quantities with unknowns: all but μ.
 const UNKNOWN: usize = QUANTITIES - 1;
+/// F, b and K alone.
+pub(crate) const UP_TO_STIFFNESS: usize = 6;
 /// Powers of ξ that each is multiplied with.
 const DEGREES: [i32; UNKNOWN] = [0, 1, 1, 2, 2, 2, 3, 3, 3, 3, 4];
 /// What ∫ q''² costs of each quantity where all samples together weigh 1, by its degree in ξ and in units of the deepest sample and the largest force.
@@ -74,6 +90,9 @@ const FLOOR: f64 = 0.05;
 /// Attempts at keeping what must be positive: the margin, in parts of the median stiffness, and what a broken inequality
 /// weighs, where all samples together weigh 1.
 const ATTEMPTS: [[f64; 2]; 4] = [[0.01, 1e2], [0.03, 1e3], [0.1, 1e4], [0.3, 1e5]];
+
+/// Of a stuck tangent, the motion at which its error counts: half of what gives the whole force. That is what friction holds.
+const HELD: f64 = 0.5;
 
 /// Fits the potential of a test point with these tangents.
 ///
@@ -87,24 +106,51 @@ pub fn fit_potential(
     tangents: [DVec3; 2],
     options: &PotentialOptions,
 ) -> Result<PotentialFit, FitError> {
-    check(samples, options)?;
+    fit_stuck(samples, &[], tangents, options, UNKNOWN)
+}
+
+/// [`fit_potential`] with stuck tangents as well, and only the first so many quantities: all, or with [`UP_TO_STIFFNESS`] F, b
+/// and K, the others 0.
+pub(crate) fn fit_stuck(
+    samples: &[ContactSample],
+    stiffness: &[ContactStiffness],
+    tangents: [DVec3; 2],
+    options: &PotentialOptions,
+    quantities: usize,
+) -> Result<PotentialFit, FitError> {
+    check(samples, !stiffness.is_empty(), options)?;
     let deepest = samples.iter().map(|s| s.depth_m).fold(0.0, f64::max);
     let largest = samples.iter().map(|s| length(s.force_n)).fold(0.0, f64::max);
     let widest = samples.iter().map(|s| s.lateral_m[0].hypot(s.lateral_m[1])).fold(0.0, f64::max);
     let range_m = options.range_m.unwrap_or(if widest > 0.0 { widest } else { deepest });
-    let knots_m = options.knots_m.clone().unwrap_or_else(|| knots(samples, deepest));
+    let knots_m =
+        options.knots_m.clone().unwrap_or_else(|| knots(samples.iter().map(|s| s.depth_m), deepest));
     let problem = Problem {
         knots: knots_m.iter().map(|k| k / deepest).collect(),
-        unknowns: Unknowns::new(knots_m.len()),
+        unknowns: Unknowns::new(knots_m.len(), quantities),
+        quantities,
         range: range_m / deepest,
     };
     let mut equations = Equations::new(problem.unknowns.count);
     let weight = |s: &ContactSample| s.weight / (length(s.force_n) / largest + FLOOR);
-    let total: f64 = samples.iter().map(|s| weight(s) * weight(s)).sum();
+    let tangent = |t: &ContactStiffness| {
+        let [_, [_, a, _], [_, _, b]] = t.stiffness_n_per_m;
+        let motion = (HELD * t.force_n / (0.5 * (a + b)).max(1e-9)).min(range_m) / deepest;
+        (motion, t.weight / (t.force_n / largest + FLOOR))
+    };
+    let total: f64 = samples.iter().map(|s| weight(s) * weight(s)).sum::<f64>()
+        + stiffness.iter().map(|t| tangent(t).1 * tangent(t).1).sum::<f64>();
     for s in samples.iter().filter(|s| s.weight > 0.0) {
         let rows = problem.gradient(s.depth_m / deepest, s.lateral_m.map(|x| x / deepest));
         for (row, force) in rows.iter().zip(s.force_n) {
             equations.add(row, force / largest, weight(s) * weight(s) / total);
+        }
+    }
+    for t in stiffness {
+        let (motion, weight) = tangent(t);
+        for (row, stiffness) in problem.stiffness(t.depth_m / deepest).iter().zip(entries(t)) {
+            let weight = weight * motion;
+            equations.add(row, stiffness * deepest / largest, weight * weight / total);
         }
     }
     problem.smooth(&mut equations, options.smoothness);
@@ -129,11 +175,17 @@ pub fn fit_potential(
     Err(FitError::invalid("samples", problem, "check the forces' signs and frame, and raise the smoothness"))
 }
 
-fn length([a, b, c]: [f64; 3]) -> f64 {
+/// F'', b', K.
+fn entries(t: &ContactStiffness) -> [f64; 6] {
+    let [[zz, z1, z2], [_, k11, k12], [_, _, k22]] = t.stiffness_n_per_m;
+    [zz, z1, z2, k11, k12, k22]
+}
+
+pub(crate) fn length([a, b, c]: [f64; 3]) -> f64 {
     (a * a + b * b + c * c).sqrt()
 }
 
-fn check(samples: &[ContactSample], options: &PotentialOptions) -> Result<(), FitError> {
+fn check(samples: &[ContactSample], stuck: bool, options: &PotentialOptions) -> Result<(), FitError> {
     for (i, s) in samples.iter().enumerate() {
         let [x, y] = s.lateral_m;
         if !(s.depth_m >= 0.0 && s.depth_m < 10.0 && x.abs() < 10.0 && y.abs() < 10.0) {
@@ -152,7 +204,7 @@ fn check(samples: &[ContactSample], options: &PotentialOptions) -> Result<(), Fi
             "give those of a press",
         ));
     }
-    if !samples.iter().any(|s| s.depth_m > 1e-6 && s.weight > 0.0 && s.lateral_m != [0.0; 2]) {
+    if !stuck && !samples.iter().any(|s| s.depth_m > 1e-6 && s.weight > 0.0 && s.lateral_m != [0.0; 2]) {
         let problem = "none is deflected laterally, so that nothing says how stiff the point is laterally";
         return Err(FitError::invalid(
             "samples",
@@ -192,8 +244,8 @@ fn check(samples: &[ContactSample], options: &PotentialOptions) -> Result<(), Fi
 }
 
 /// 0, the samples' depths, or as many of them as there may be, and the end.
-fn knots(samples: &[ContactSample], deepest: f64) -> Vec<f64> {
-    let mut depths: Vec<f64> = samples.iter().map(|s| s.depth_m).collect();
+pub(crate) fn knots(depths: impl Iterator<Item = f64>, deepest: f64) -> Vec<f64> {
+    let mut depths: Vec<f64> = depths.collect();
     depths.sort_by(f64::total_cmp);
     depths.dedup_by(|b, a| *b - *a < 0.02 * deepest);
     depths.retain(|&d| d > 0.02 * deepest && d < 0.98 * deepest);
@@ -228,13 +280,13 @@ struct Unknowns {
 }
 
 impl Unknowns {
-    fn new(knots: usize) -> Self {
+    fn new(knots: usize, quantities: usize) -> Self {
         let mut count = 0;
         let mut next = |free: bool| {
             count += usize::from(free);
             free.then(|| count - 1)
         };
-        let at = (0..UNKNOWN * knots).map(|i| {
+        let at = (0..quantities * knots).map(|i| {
             let (quantity, knot) = (i / knots, i % knots);
             let value = next(knot > 0 || DEGREES[quantity] > 1);
             [value, next(knot > 0 && (knot + 1 < knots || quantity == 0))]
@@ -250,6 +302,8 @@ type Row = Vec<(usize, f64)>;
 struct Problem {
     knots: Vec<f64>,
     unknowns: Unknowns,
+    /// How many of the law's quantities have unknowns.
+    quantities: usize,
     range: f64,
 }
 
@@ -281,11 +335,20 @@ impl Problem {
         (i, (depth - self.knots[i]) / (self.knots[i + 1] - self.knots[i]))
     }
 
+    /// F'', b' and K as forms.
+    fn stiffness(&self, depth: f64) -> [Row; 6] {
+        let (interval, u) = self.locate(depth);
+        std::array::from_fn(|q| {
+            let [value, slope, bend] = self.quantity(q, interval, u);
+            [bend, slope, value][DEGREES[q] as usize].clone()
+        })
+    }
+
     /// f_z and ∂W/∂ξ as forms.
     fn gradient(&self, depth: f64, xi: [f64; 2]) -> [Row; 3] {
         let (interval, u) = self.locate(depth);
         let mut rows: [Row; 3] = Default::default();
-        for quantity in 0..UNKNOWN {
+        for quantity in 0..self.quantities {
             let [value, slope, _] = self.quantity(quantity, interval, u);
             let one = |q: usize| std::array::from_fn(|i| if i == q { 1.0 } else { 0.0 });
             let law = coupled_alone(&AtDepth { value: one(quantity), slope: one(quantity) }, xi, self.range);
@@ -304,7 +367,7 @@ impl Problem {
         let sum = |a: &Row, sign: f64, b: &Row| -> Row {
             a.iter().copied().chain(b.iter().map(|(i, x)| (*i, sign * x))).collect()
         };
-        for quantity in 0..UNKNOWN {
+        for quantity in 0..self.quantities {
             let cost = smoothness * BENDING[DEGREES[quantity] as usize];
             for interval in 0..self.knots.len() - 1 {
                 let h = self.knots[interval + 1] - self.knots[interval];
@@ -334,13 +397,15 @@ impl Problem {
             press.extend([0.0, 1.0].map(|u| self.quantity(0, interval, u)[2].clone()));
             for u in [0.0, 0.25, 0.5, 0.75, 1.0] {
                 let values: Vec<Row> =
-                    (3..UNKNOWN).map(|q| self.quantity(q, interval, u)[0].clone()).collect();
+                    (3..self.quantities).map(|q| self.quantity(q, interval, u)[0].clone()).collect();
                 for angle in 0..24 {
                     let (c, s) = {
                         let angle = f64::from(angle) * (std::f64::consts::TAU / 24.0);
                         (libm::cos(angle), libm::sin(angle))
                     };
-                    for r in [0.0, 0.25, 0.5, 0.75, 1.0].map(|part| part * self.range) {
+                    let parts: &[f64] =
+                        if self.quantities > UP_TO_STIFFNESS { &[0.0, 0.25, 0.5, 0.75, 1.0] } else { &[0.0] };
+                    for r in parts.iter().map(|part| part * self.range) {
                         let of = |i: usize| match i {
                             0 => c * c,
                             1 => 2.0 * c * s,
@@ -426,7 +491,8 @@ impl Problem {
         let curve = |quantity: usize| {
             let unit = largest * deepest.powi(1 - DEGREES[quantity]);
             let of = |k: usize, which: usize| {
-                self.unknowns.at[quantity * knots_m.len() + k][which].map_or(0.0, |i| solution[i])
+                let at = self.unknowns.at.get(quantity * knots_m.len() + k);
+                at.and_then(|at| at[which]).map_or(0.0, |i| solution[i])
             };
             let values: Vec<f64> = (0..knots_m.len()).map(|k| of(k, 0) * unit).collect();
             let slopes: Vec<f64> = (0..knots_m.len()).map(|k| of(k, 1) * unit / deepest).collect();

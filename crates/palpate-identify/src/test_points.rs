@@ -68,32 +68,15 @@ pub fn test_points(
         return Err(FitError::invalid("what can be touched", problem, "give one for each node"));
     }
     check_prior(compliance_prior, nodes)?;
-    let positions = vertex_positions(surface);
-    // The first node of a vertex speaks for it; it can be touched where any of its nodes can.
-    let mut first = vec![NONE; positions.len()];
-    let mut open = vec![false; positions.len()];
-    for (n, &v) in surface.vertices().iter().enumerate() {
-        let v = v as usize;
-        open[v] |= touchable[n];
-        if first[v] == NONE {
-            first[v] = n as u32;
-        }
-    }
+    let vertices = Vertices::new(surface, touchable);
+    let Vertices { open, .. } = &vertices;
     let available = open.iter().filter(|&&o| o).count();
     if available == 0 {
         let (problem, hint) = ("there is nothing", "leave a part of the surface free of supports");
         return Err(FitError::invalid("what can be touched", problem, hint));
     }
-    let triangles: Vec<[u32; 3]> =
-        surface.elements().iter().map(|e| e.nodes.map(|n| surface.vertices()[n as usize])).collect();
-    let area: f64 = triangles
-        .iter()
-        .filter(|t| t.iter().all(|&v| open[v as usize]))
-        .map(|t| {
-            let [a, b, c] = t.map(|v| positions[v as usize]);
-            (b - a).cross(c - a).length() / 2.0
-        })
-        .sum();
+    let triangles = triangles(surface);
+    let area = open_area(&triangles, &vertices);
     let count = match amount {
         Amount::Count(count) => count,
         Amount::Spacing(spacing) if spacing > 0.0 => {
@@ -113,10 +96,96 @@ pub fn test_points(
         ));
     }
 
-    let lifted = lift(surface, &positions, &first, compliance_prior, (area / count as f64).sqrt());
+    Ok(choose(surface, &vertices, &triangles, open, count, area, compliance_prior))
+}
+
+/// Chooses `count` of these `candidates`, nodes of different vertices, spread over what can be touched as [`test_points`]
+/// spreads its own; all of them if there are no more.
+///
+/// # Errors
+/// As [`test_points`], and a candidate that is no node.
+pub fn spread_among(
+    surface: &Surface,
+    touchable: &[bool],
+    candidates: &[u32],
+    count: usize,
+    compliance_prior: Option<&[f64]>,
+) -> Result<Vec<u32>, FitError> {
+    let nodes = surface.positions().len();
+    if touchable.len() != nodes || candidates.iter().any(|&n| n as usize >= nodes) || count == 0 {
+        let problem = format!("{count} of {} candidates, for {nodes} nodes", candidates.len());
+        return Err(FitError::invalid("candidates", problem, "choose some of the surface's nodes"));
+    }
+    check_prior(compliance_prior, nodes)?;
+    let mut all = candidates.to_vec();
+    all.sort_unstable();
+    if all.len() <= count {
+        return Ok(all);
+    }
+    let mut vertices = Vertices::new(surface, touchable);
+    let mut candidate = vec![false; vertices.positions.len()];
+    for &n in &all {
+        let v = surface.vertices()[n as usize] as usize;
+        candidate[v] = true;
+        vertices.first[v] = n;
+    }
+    let triangles = triangles(surface);
+    let area = open_area(&triangles, &vertices);
+    Ok(choose(surface, &vertices, &triangles, &candidate, count, area, compliance_prior))
+}
+
+/// The vertices of a surface.
+struct Vertices {
+    positions: Vec<DVec3>,
+    /// The node that speaks for each.
+    first: Vec<u32>,
+    /// Whether any of its nodes can be touched.
+    open: Vec<bool>,
+}
+
+impl Vertices {
+    fn new(surface: &Surface, touchable: &[bool]) -> Self {
+        let positions = vertex_positions(surface);
+        let mut first = vec![NONE; positions.len()];
+        let mut open = vec![false; positions.len()];
+        for (n, &v) in surface.vertices().iter().enumerate() {
+            let v = v as usize;
+            open[v] |= touchable[n];
+            if first[v] == NONE {
+                first[v] = n as u32;
+            }
+        }
+        Vertices { positions, first, open }
+    }
+}
+
+fn triangles(surface: &Surface) -> Vec<[u32; 3]> {
+    surface.elements().iter().map(|e| e.nodes.map(|n| surface.vertices()[n as usize])).collect()
+}
+
+/// Of the triangles that can be touched, m².
+fn open_area(triangles: &[[u32; 3]], Vertices { positions, open, .. }: &Vertices) -> f64 {
+    let area = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| positions[v as usize]);
+        (b - a).cross(c - a).length() / 2.0
+    };
+    triangles.iter().filter(|t| t.iter().all(|&v| open[v as usize])).map(area).sum()
+}
+
+/// Spreads `count` points over the vertices that can be touched, each on a `candidate`.
+fn choose(
+    surface: &Surface,
+    Vertices { positions, first, open }: &Vertices,
+    triangles: &[[u32; 3]],
+    candidate: &[bool],
+    count: usize,
+    area: f64,
+    compliance_prior: Option<&[f64]>,
+) -> Vec<u32> {
+    let lifted = lift(surface, positions, first, compliance_prior, (area / count as f64).sqrt());
     let length = |a: u32, b: u32| distance(&lifted[a as usize], &lifted[b as usize]);
     let mut weights = vec![0.0; positions.len()];
-    for t in &triangles {
+    for t in triangles {
         let [a, b, c] = [length(t[0], t[1]), length(t[1], t[2]), length(t[2], t[0])];
         // Heron; rounding may take a sliver's area below 0.
         let s = (a + b + c) / 2.0;
@@ -133,11 +202,11 @@ pub fn test_points(
         }
     }
     let mut geodesic = Geodesic::new(surface, &length);
-    let mut sources = farthest(&mut geodesic, &lifted, &open, &weights, count);
-    relax(&mut geodesic, &lifted, &open, &rim, &weights, &mut sources);
+    let mut sources = farthest(&mut geodesic, &lifted, candidate, &weights, count);
+    relax(&mut geodesic, &lifted, candidate, &rim, &weights, &mut sources);
     let mut chosen: Vec<u32> = sources.into_iter().map(|v| first[v as usize]).collect();
     chosen.sort_unstable();
-    Ok(chosen)
+    chosen
 }
 
 pub(crate) fn check_prior(compliance_prior: Option<&[f64]>, nodes: usize) -> Result<(), FitError> {

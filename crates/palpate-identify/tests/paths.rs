@@ -58,7 +58,7 @@ impl Law {
             })
         });
         let press = DEPTHS.map(|d| (d, self.press(d, u))).to_vec();
-        PointRecord { node, inward: u, press, drags: drags.collect(), stopped: None }
+        PointRecord { node, inward: u, press, drags: drags.collect(), ..PointRecord::default() }
     }
 }
 

@@ -8,12 +8,14 @@
 
 #![warn(missing_docs)]
 
+mod compliance_at;
 mod contact;
 mod displace;
 mod element;
 mod equilibrium;
 mod error;
 mod factor;
+mod instruction_set;
 mod load;
 pub mod material;
 pub mod mesh;
@@ -21,12 +23,12 @@ mod model;
 pub mod path;
 mod simulate;
 mod stiffness;
-mod stiffness_at;
 pub mod tool;
 
 pub use displace::Deformed;
 pub use equilibrium::{Counts, RESIDUAL_TOLERANCE};
 pub use error::{Result, SimulateError};
+pub use instruction_set::instruction_set;
 pub use material::Material;
 pub use mesh::TetMesh;
 pub use model::{Fixed, Model};

@@ -1,14 +1,18 @@
 //! The body that a record makes, from nothing but the record.
 
 use super::stops;
-use crate::paths_file::PathsRecord;
-use crate::spec::{Friction, Geometry, Spec};
+use crate::paths_file::{PathsRecord, Point, TestPoint};
+use crate::spec::{Friction, Geometry, Law, Simulation, Spec, TestPoints};
 use anyhow::{Result, anyhow, bail};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use palpate_body::shape::Shape;
-use palpate_body::{Body, BodyParts, Provenance, Surface, TriangleMesh};
-use palpate_identify::{DragRecord, FitReport, PathOptions, PointRecord, fit_paths};
-use palpate_simulate::PointPaths;
+use palpate_body::{
+    BlendWeights, Body, BodyParts, CoupledLaw, InterpolationErrors, PotentialErrors, Provenance, Response,
+    Surface, Tensor, TriangleMesh,
+};
+use palpate_identify::{
+    CoupledOptions, DragRecord, FitReport, PathOptions, PointRecord, fit_coupled, fit_paths,
+};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -53,18 +57,16 @@ pub fn surface(spec: &Spec, mesh: &TriangleMesh) -> palpate_body::Result<Surface
 pub fn body(record: &PathsRecord) -> Result<Assembled> {
     let name = Path::new(&record.plan.spec_name);
     let spec = Spec::parse(name, record.plan.spec.clone())?;
-    let simulation = spec.simulation(name)?;
+    // Files of version 1 are from a time when the surface slid along the tool where a spec said nothing.
+    let contact = record.plan.contact.as_deref().unwrap_or("frictionless");
+    let simulation = spec.simulation_by_default(name, contact)?;
     let in_spec = |e: palpate_body::BodyError| e.in_file(name);
     let Some(scene) = &record.scene else { bail!("the record has no surface; give that of a whole run") };
     let surface = surface(&spec, &scene.surface).map_err(in_spec)?;
 
-    let mut told = Vec::new();
-    let mut records = Vec::with_capacity(record.points.len());
-    for (index, point) in &record.points {
-        let (test_point, paths) = (point.test_point(), point.paths());
-        told.extend(stops(*index, &test_point, &paths));
-        records.push(point_record(test_point.node, test_point.plan.inward, &paths, point));
-    }
+    let told = record.points.iter().flat_map(|(i, point)| stops(*i, &point.test_point(), &point.paths()));
+    let told: Vec<String> = told.collect();
+    let records = records(&record.points);
     if records.iter().all(|r| r.press.is_empty()) {
         let first = told.first().map_or("", String::as_str);
         bail!(
@@ -72,36 +74,71 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
         );
     }
     let mut notes = scene.notes.clone();
-    let friction = match &simulation.friction {
-        Some(Friction::Constant(mu)) => vec![(0.0, *mu)],
-        Some(Friction::Table(rows)) => rows.clone(),
-        None => {
-            notes.push(format!("[friction] is not given: its coefficient is {FRICTION}"));
-            vec![(0.0, FRICTION)]
-        }
-    };
-    let compliance_prior = Some(scene.guide_n_per_m.clone());
-    let options = PathOptions { friction, compliance_prior, ..PathOptions::default() };
-    let fitted = fit_paths(&surface, &records, &options).map_err(|e| anyhow!("{}: {e}", name.display()))?;
+    if simulation.friction.is_none() {
+        notes.push(format!("[friction] is not given: its coefficient is {FRICTION}"));
+    }
+    let in_fit = |e: palpate_identify::FitError| anyhow!("{}: {e}", name.display());
     notes.extend(told.iter().take(TOLD).cloned());
     if told.len() > TOLD {
         notes.push(format!("{} further paths ended early", told.len() - TOLD));
     }
-    notes.extend(fitted.fit.report.notes.iter().cloned());
+    let mut provenance = provenance(record, notes);
+    let (fitted, report) = match simulation.law {
+        Law::Coupled => {
+            let options = coupled_options(&simulation, &scene.guide_n_per_m, &scene.compliance_m_per_n);
+            let fitted = fit_coupled(&surface, &records, &options).map_err(in_fit)?;
+            provenance.potential_errors = fitted.errors;
+            provenance.interpolation = fitted.interpolation;
+            let law = Fitted {
+                blends: fitted.blends,
+                responses: Vec::new(),
+                test_point_nodes: fitted.test_point_nodes,
+                coupled: Some(fitted.law),
+                lateral_tensors: None,
+            };
+            (law, fitted.report)
+        }
+        Law::Decoupled => {
+            let compliance_prior = Some(scene.guide_n_per_m.clone());
+            let options =
+                PathOptions { friction: friction(&simulation), compliance_prior, ..PathOptions::default() };
+            let fitted = fit_paths(&surface, &records, &options).map_err(in_fit)?;
+            provenance.point_errors = fitted.errors;
+            let law = Fitted {
+                blends: fitted.fit.blends,
+                responses: fitted.fit.responses,
+                test_point_nodes: fitted.fit.test_point_nodes,
+                coupled: None,
+                lateral_tensors: Some(fitted.lateral_tensors),
+            };
+            (law, fitted.fit.report)
+        }
+    };
+    provenance.notes.extend(report.notes.iter().cloned());
+    let Fitted { blends, responses, test_point_nodes, coupled, lateral_tensors } = fitted;
     let body = Body::new(BodyParts {
         surface,
-        blends: fitted.fit.blends,
-        responses: fitted.fit.responses,
-        test_point_nodes: fitted.fit.test_point_nodes,
-        coupled: None,
-        lateral_tensors: Some(fitted.lateral_tensors),
+        blends,
+        responses,
+        test_point_nodes,
+        coupled,
+        lateral_tensors,
         tool: simulation.tool.of_body(),
         slip: spec.slip,
         tank: spec.tank,
-        provenance: Provenance { point_errors: fitted.errors, ..provenance(record, notes) },
+        provenance,
     })
     .map_err(in_spec)?;
-    Ok(Assembled { body, report: fitted.fit.report, stops: told })
+    Ok(Assembled { body, report, stops: told })
+}
+
+/// A law of either kind.
+struct Fitted {
+    blends: Vec<BlendWeights>,
+    responses: Vec<Response>,
+    test_point_nodes: Vec<u32>,
+    coupled: Option<CoupledLaw>,
+    lateral_tensors: Option<Vec<Tensor>>,
 }
 
 /// What is the same however the run was divided: no outputs, jobs, shards.
@@ -116,17 +153,51 @@ fn provenance(record: &PathsRecord, notes: Vec<String>) -> Provenance {
         spec: Some(plan.spec.clone()),
         inputs,
         notes,
-        point_errors: Vec::new(),
+        ..Provenance::default()
     }
 }
 
-fn point_record(
-    node: u32,
-    inward: DVec3,
-    paths: &PointPaths,
-    point: &crate::paths_file::Point,
-) -> PointRecord {
-    let plan = point.test_point().plan;
+/// Friction over depth.
+fn friction(simulation: &Simulation) -> Vec<(f64, f64)> {
+    match &simulation.friction {
+        Some(Friction::Constant(mu)) => vec![(0.0, *mu)],
+        Some(Friction::Table(rows)) => rows.clone(),
+        None => vec![(0.0, FRICTION)],
+    }
+}
+
+/// How the sticking paths of this spec become a coupled law.
+pub fn coupled_options<'a>(
+    simulation: &Simulation,
+    stiffness: &'a [f64],
+    compliance: &'a [DMat3],
+) -> CoupledOptions<'a> {
+    CoupledOptions {
+        friction: friction(simulation),
+        range_m: Some(simulation.deflection.lateral_max_m),
+        stiffness,
+        compliance,
+        first: match simulation.test_points {
+            TestPoints::Adaptive { most, .. } => Some(first_round(most)),
+            _ => None,
+        },
+    }
+}
+
+/// Test points to begin with, where there may be so many.
+pub fn first_round(most: u32) -> usize {
+    /// Fewer say nothing of what lies between them.
+    const LEAST: u32 = 6;
+    (most / 3).max(LEAST).min(most) as usize
+}
+
+/// What was simulated, by index.
+pub fn records(points: &BTreeMap<u32, Point>) -> Vec<PointRecord> {
+    points.values().map(point_record).collect()
+}
+
+fn point_record(point: &Point) -> PointRecord {
+    let (TestPoint { node, plan }, paths) = (point.test_point(), point.paths());
     let drags = plan.drags.iter().zip(&paths.drags).filter_map(|(drag, path)| {
         // Where the press did not come so deep there was no drag.
         let depth_m = paths.press.states.get(drag.from)?.depth_m;
@@ -134,10 +205,17 @@ fn point_record(
         Some(DragRecord { depth_m, direction: drag.direction, rows })
     });
     let all = std::iter::once(&paths.press).chain(&paths.drags);
+    let stiffness = paths.press.states.iter().filter_map(|s| {
+        let rows = s.tangent.as_ref()?;
+        // Forces by translations.
+        let column = |c: usize| DVec3::new(rows[0][c], rows[1][c], rows[2][c]);
+        Some((s.depth_m, DMat3::from_cols(column(0), column(1), column(2))))
+    });
     PointRecord {
         node,
-        inward,
+        inward: plan.inward,
         press: paths.press.states.iter().map(|s| (s.depth_m, s.force_n)).collect(),
+        stiffness: stiffness.collect(),
         drags: drags.collect(),
         stopped: all.into_iter().find_map(|p| p.stopped.as_ref()).map(|s| s.why.clone()),
     }
@@ -155,6 +233,11 @@ pub struct Report {
     stopped: Vec<String>,
     notes: Vec<String>,
     fit: FitReport,
+    /// Of a coupled law.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    potential_errors: Vec<PotentialErrors>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    interpolation: Option<InterpolationErrors>,
 }
 
 impl Report {
@@ -172,13 +255,15 @@ impl Report {
         Report {
             nodes: body.nodes().len(),
             triangles: body.elements().len(),
-            test_points: body.test_point_nodes().len(),
+            test_points: report.points.len(),
             paths,
             states,
             newton_steps,
             stopped: stops,
             notes: body.provenance().notes.clone(),
             fit: report,
+            potential_errors: body.provenance().potential_errors.clone(),
+            interpolation: body.provenance().interpolation.clone(),
         }
     }
 }

@@ -50,6 +50,7 @@ impl PointSolver for Elements {
 /// How the body holds to the tool.
 pub fn contact(simulation: &Simulation) -> Contact {
     match simulation.contact {
+        spec::Contact::Sticking => Contact::Sticking,
         spec::Contact::Frictionless => Contact::Frictionless,
         spec::Contact::Bonded { patch_radius_m } => Contact::Bonded { patch_radius_m },
     }

@@ -35,6 +35,10 @@ pub struct Simulation {
     pub directions: u32,
     /// Where it is touched.
     pub test_points: TestPoints,
+    /// At so many of them it is dragged, too.
+    pub drag_points: usize,
+    /// What becomes of it.
+    pub law: Law,
     /// How finely a body without a volume mesh is meshed.
     pub mesh: MeshSizes,
     /// The coefficient over depth; None: the spec does not say.
@@ -124,6 +128,24 @@ pub enum TestPoints {
     Spacing(f64),
     /// The surface's nodes next to these, m.
     At(Vec<DVec3>),
+    /// Every node that the tool can come to.
+    EveryNode,
+    /// As many as it takes.
+    Adaptive {
+        /// The error at a point that the others predict, in % of the largest force there.
+        tolerance_percent: f64,
+        /// So many at most.
+        most: u32,
+    },
+}
+
+/// The law that a body gets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Law {
+    /// One potential W(δz, δ_t) at each place.
+    Coupled,
+    /// Curves of the normal and of the lateral force.
+    Decoupled,
 }
 
 /// Lengths of elements; None: chosen for the tool.
@@ -143,6 +165,7 @@ struct Raw {
     deflection: Option<Spanned<RawDeflection>>,
     test_points: Option<Spanned<RawTestPoints>>,
     mesh: Option<Spanned<RawMesh>>,
+    fit: Option<Spanned<RawFit>>,
     response: Option<Spanned<toml::Value>>,
 }
 
@@ -175,7 +198,15 @@ struct RawTestPoints {
     count: Option<Spanned<i64>>,
     spacing_mm: Option<Spanned<f64>>,
     at_mm: Option<Spanned<Vec<List<3>>>>,
+    every_node: Option<Spanned<bool>>,
     tolerance_percent: Option<Spanned<f64>>,
+    drags: Option<Spanned<i64>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawFit {
+    law: Option<Spanned<String>>,
 }
 
 #[derive(Deserialize)]
@@ -189,11 +220,45 @@ struct RawMesh {
 const COUNT: u32 = 60;
 /// More would take weeks.
 const MAX_COUNT: u32 = 100_000;
-/// Where drags begin, as a share of the greatest depth: about the mean of the depths at which a hand drags, so that
-/// one lateral curve errs least over all of them.
-const DRAG_DEPTH: f64 = 0.6;
-/// Directions of drags; four show the anisotropy, both ways along two axes.
-const DIRECTIONS: u32 = 4;
+/// Test points that are dragged, when the spec does not say: terms of third and fourth order vary little, and are carried over.
+const DRAG_POINTS: usize = 60;
+/// What is simulated when the spec does not say.
+const CONTACT: &str = "sticking";
+
+impl Law {
+    /// What the history of forces suits.
+    fn of(contact: Contact) -> Law {
+        match contact {
+            Contact::Sticking => Law::Coupled,
+            Contact::Frictionless | Contact::Bonded { .. } => Law::Decoupled,
+        }
+    }
+
+    /// Where drags begin, as shares of the greatest depth. One lateral curve errs least from about the mean of the depths at
+    /// which a hand drags; quartic terms of a potential change with the depth.
+    fn drag_depths(self) -> &'static [f64] {
+        match self {
+            Law::Coupled => &[0.5, 1.0],
+            Law::Decoupled => &[0.6],
+        }
+    }
+
+    /// Directions of drags. Four show the anisotropy, both ways along two axes; six show cubic terms twice over.
+    fn directions(self) -> u32 {
+        match self {
+            Law::Coupled => 6,
+            Law::Decoupled => 4,
+        }
+    }
+
+    /// Further states of a press, as shares of its first step: stuck stiffness grows as the root of the depth.
+    fn first_depths(self) -> &'static [f64] {
+        match self {
+            Law::Coupled => &[1.0 / 3.0],
+            Law::Decoupled => &[],
+        }
+    }
+}
 
 impl Spec {
     /// The tables of a simulation; `path` is the spec's name in messages.
@@ -201,6 +266,14 @@ impl Spec {
     /// # Errors
     /// A table or key is missing, unknown or impossible. The message names the line.
     pub fn simulation(&self, path: &Path) -> Result<Simulation> {
+        self.simulation_by_default(path, CONTACT)
+    }
+
+    /// The same, where a spec that names no contact means this one.
+    ///
+    /// # Errors
+    /// As [`Spec::simulation`].
+    pub fn simulation_by_default(&self, path: &Path, contact: &str) -> Result<Simulation> {
         let source = Source { path, text: &self.text };
         let raw: Raw = toml::from_str(&self.text).map_err(|e| source.syntax(&e))?;
         let missing = |what: &str, hint: &str| anyhow!("{}: {what} is missing; {hint}", path.display());
@@ -232,7 +305,6 @@ impl Spec {
             .as_ref()
             .ok_or_else(|| missing("[deflection]", "add it: normal_max_mm and lateral_max_mm"))?;
         let deflection = super::response::deflection(&source, deflection_table.get_ref())?;
-        let (depths_m, drag_from) = depths(&source, deflection_table.get_ref(), deflection)?;
         let fixed = raw.body.as_ref().and_then(|b| b.get_ref().fixed.as_deref()).unwrap_or_default();
         if fixed.is_empty() {
             return Err(missing(
@@ -241,20 +313,24 @@ impl Spec {
             ));
         }
         let tool = tool::tool(&source, tool_table)?;
+        let contact = tool::contact(&source, tool_table, &tool, contact)?;
+        let law = law(&source, raw.fit.as_ref().and_then(|f| f.get_ref().law.as_ref()), contact)?;
+        let (depths_m, drag_from) = depths(&source, deflection_table.get_ref(), deflection, law)?;
+        let points = raw.test_points.as_ref();
+        let test_points = points.map_or(Ok(TestPoints::Count(COUNT)), |t| test_points(&source, t, law))?;
         Ok(Simulation {
             material: base(&source, material_table)?,
             regions: regions(&source, material_table.get_ref())?,
             fixed: fixed.iter().map(|f| self::fixed(&source, f)).collect::<Result<_>>()?,
-            contact: tool::contact(&source, tool_table, &tool)?,
+            contact,
             tool,
             deflection,
             depths_m,
             drag_from,
-            directions: directions(&source, deflection_table.get_ref())?,
-            test_points: raw
-                .test_points
-                .as_ref()
-                .map_or(Ok(TestPoints::Count(COUNT)), |t| test_points(&source, t))?,
+            directions: directions(&source, deflection_table.get_ref(), law)?,
+            drag_points: drag_points(&source, points, law, &test_points)?,
+            test_points,
+            law,
             mesh: raw.mesh.as_ref().map_or(Ok(MeshSizes::default()), |m| mesh(&source, m.get_ref()))?,
             friction: self.friction.clone(),
         })
@@ -426,13 +502,22 @@ fn regions(source: &Source, base: &RawMaterial) -> Result<Vec<Region>> {
 }
 
 /// The states of a press, and where drags begin.
-fn depths(source: &Source, raw: &RawDeflection, deflection: Deflection) -> Result<(Vec<f64>, Vec<usize>)> {
+fn depths(
+    source: &Source,
+    raw: &RawDeflection,
+    deflection: Deflection,
+    law: Law,
+) -> Result<(Vec<f64>, Vec<usize>)> {
     let (end, steps) = (deflection.normal_max_m, deflection.steps);
-    let mut depths: Vec<f64> = (1..=steps).map(|i| end * f64::from(i) / f64::from(steps)).collect();
+    let step = |i: f64| end * i / f64::from(steps);
+    let first = law.first_depths();
+    let mut depths: Vec<f64> = first.iter().copied().chain((1..=steps).map(f64::from)).map(step).collect();
     let Some(given) = &raw.lateral_depths_mm else {
-        // The step nearest to it; of two, the deeper.
-        let from = (DRAG_DEPTH * f64::from(steps)).round().max(1.0) as usize - 1;
-        return Ok((depths, vec![from]));
+        // The steps nearest to them; of two, the deeper.
+        let nearest = |part: &f64| first.len() + (part * f64::from(steps)).round().max(1.0) as usize - 1;
+        let mut from: Vec<usize> = law.drag_depths().iter().map(nearest).collect();
+        from.dedup();
+        return Ok((depths, from));
     };
     let list: Vec<f64> = given.get_ref().iter().map(|mm| mm / 1e3).collect();
     let ascend = list.windows(2).all(|d| d[1] - d[0] >= 1e-6);
@@ -456,8 +541,20 @@ fn depths(source: &Source, raw: &RawDeflection, deflection: Deflection) -> Resul
     Ok((depths, from))
 }
 
-fn directions(source: &Source, raw: &RawDeflection) -> Result<u32> {
-    let Some(given) = &raw.directions else { return Ok(DIRECTIONS) };
+fn law(source: &Source, given: Option<&Spanned<String>>, contact: Contact) -> Result<Law> {
+    match given.map(|l| (l, l.get_ref().as_str())) {
+        None => Ok(Law::of(contact)),
+        Some((_, "coupled")) => Ok(Law::Coupled),
+        Some((_, "decoupled")) => Ok(Law::Decoupled),
+        Some((given, other)) => {
+            let problem = format!("there is no law `{}`", other.escape_debug());
+            Err(source.error(given.span(), &problem, "give law = \"coupled\" or \"decoupled\""))
+        }
+    }
+}
+
+fn directions(source: &Source, raw: &RawDeflection, law: Law) -> Result<u32> {
+    let Some(given) = &raw.directions else { return Ok(law.directions()) };
     match u32::try_from(*given.get_ref()) {
         Ok(n @ 4..=64) => Ok(n),
         _ => {
@@ -467,22 +564,39 @@ fn directions(source: &Source, raw: &RawDeflection) -> Result<u32> {
     }
 }
 
-fn test_points(source: &Source, raw: &Spanned<RawTestPoints>) -> Result<TestPoints> {
-    let t = raw.get_ref();
-    if let Some(tolerance) = &t.tolerance_percent {
-        let problem = "this version does not choose test points by tolerance_percent yet";
-        return Err(source.error(tolerance.span(), problem, "give count or spacing_mm"));
-    }
-    let mut given = Vec::new();
-    if let Some(count) = &t.count {
-        match u32::try_from(*count.get_ref()) {
-            Ok(n) if (1..=MAX_COUNT).contains(&n) => given.push(TestPoints::Count(n)),
-            _ => {
-                let problem = format!("count is {}", count.get_ref());
-                let hint = format!("give a number between 1 and {MAX_COUNT}");
-                return Err(source.error(count.span(), &problem, &hint));
-            }
+/// A whole number of test points.
+fn number(source: &Source, given: &Spanned<i64>, key: &str) -> Result<u32> {
+    match u32::try_from(*given.get_ref()) {
+        Ok(n) if (1..=MAX_COUNT).contains(&n) => Ok(n),
+        _ => {
+            let problem = format!("{key} is {}", given.get_ref());
+            let hint = format!("give a number between 1 and {MAX_COUNT}");
+            Err(source.error(given.span(), &problem, &hint))
         }
+    }
+}
+
+fn test_points(source: &Source, raw: &Spanned<RawTestPoints>, law: Law) -> Result<TestPoints> {
+    let t = raw.get_ref();
+    let count = t.count.as_ref().map(|count| number(source, count, "count")).transpose()?;
+    let mut given = Vec::new();
+    match (&t.tolerance_percent, count) {
+        (Some(tolerance), _) => {
+            if law == Law::Decoupled {
+                let problem = "tolerance_percent is for the coupled law";
+                let hint = "remove it, or give contact = \"sticking\"";
+                return Err(source.error(tolerance.span(), problem, hint));
+            }
+            let tolerance_percent = source.within(tolerance, "tolerance_percent", 0.01..=100.0)?;
+            let Some(most) = count else {
+                let problem =
+                    "tolerance_percent says when to stop, but nothing how many test points there may be";
+                return Err(source.error(tolerance.span(), problem, "add count, the most"));
+            };
+            given.push(TestPoints::Adaptive { tolerance_percent, most });
+        }
+        (None, Some(count)) => given.push(TestPoints::Count(count)),
+        (None, None) => {}
     }
     if let Some(spacing) = &t.spacing_mm {
         given.push(TestPoints::Spacing(source.within(spacing, "spacing_mm", 1e-2..=1e4)? / 1e3));
@@ -495,7 +609,25 @@ fn test_points(source: &Source, raw: &Spanned<RawTestPoints>) -> Result<TestPoin
         let points = at.get_ref().iter().map(|p| vector(source, at.span(), "a point of at_mm", p.0));
         given.push(TestPoints::At(points.collect::<Result<_>>()?));
     }
-    one_of(source, raw.span(), "[test_points]", "count, spacing_mm, at_mm", given)
+    if t.every_node.as_ref().is_some_and(|every| *every.get_ref()) {
+        given.push(TestPoints::EveryNode);
+    }
+    one_of(source, raw.span(), "[test_points]", "count, spacing_mm, at_mm, every_node", given)
+}
+
+/// How many test points are dragged.
+fn drag_points(
+    source: &Source,
+    raw: Option<&Spanned<RawTestPoints>>,
+    law: Law,
+    points: &TestPoints,
+) -> Result<usize> {
+    match raw.and_then(|t| t.get_ref().drags.as_ref()) {
+        Some(drags) => Ok(number(source, drags, "drags")? as usize),
+        // Without a potential nothing is carried over.
+        None if law == Law::Decoupled && *points != TestPoints::EveryNode => Ok(usize::MAX),
+        None => Ok(DRAG_POINTS),
+    }
 }
 
 fn mesh(source: &Source, raw: &RawMesh) -> Result<MeshSizes> {

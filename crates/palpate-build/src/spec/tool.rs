@@ -50,6 +50,8 @@ pub enum ToolShape {
 /// How the body holds to the tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Contact {
+    /// What touches is caught, from first touch on: friction without limit.
+    Sticking,
     /// Pressed, it slides along the tool and may leave it.
     Frictionless,
     /// A patch of the surface moves with the tool.
@@ -57,6 +59,17 @@ pub enum Contact {
         /// Geodesic, m.
         patch_radius_m: f64,
     },
+}
+
+impl Contact {
+    /// As specs name it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Contact::Sticking => "sticking",
+            Contact::Frictionless => "frictionless",
+            Contact::Bonded { .. } => "bonded",
+        }
+    }
 }
 
 #[derive(Deserialize)]
@@ -157,41 +170,43 @@ pub fn tool(source: &Source, raw: &Spanned<RawTool>) -> Result<ToolShape> {
     })
 }
 
-pub fn contact(source: &Source, raw: &Spanned<RawTool>, shape: &ToolShape) -> Result<Contact> {
+/// The contact; `default` where the spec says nothing.
+pub fn contact(source: &Source, raw: &Spanned<RawTool>, shape: &ToolShape, default: &str) -> Result<Contact> {
     let tool = raw.get_ref();
     let patch = &tool.patch_radius_mm;
     let given = tool.contact.as_ref();
-    match given.map_or("frictionless", |c| c.get_ref().as_str()) {
-        "frictionless" => {
-            if let Some(patch) = patch {
-                let hint = "remove patch_radius_mm, or say contact = \"bonded\"";
-                return Err(source.error(
-                    patch.span(),
-                    "a frictionless contact finds its patch itself",
-                    hint,
-                ));
-            }
-            if *shape == ToolShape::Point {
-                let problem = "a point's force on a body without friction is not defined";
-                let hint = "give the tool an extent (shape = \"sphere\"), or contact = \"bonded\" with patch_radius_mm";
-                return Err(source.error(tool.shape.span(), problem, hint));
-            }
-            Ok(Contact::Frictionless)
-        }
+    let contact = match given.map_or(default, |c| c.get_ref().as_str()) {
+        "sticking" => Contact::Sticking,
+        "frictionless" => Contact::Frictionless,
         "bonded" => match patch {
             Some(patch) => {
                 let patch_radius_m = source.within(patch, "patch_radius_mm", LENGTHS)? / 1e3;
-                Ok(Contact::Bonded { patch_radius_m })
+                return Ok(Contact::Bonded { patch_radius_m });
             }
             None => {
                 let problem = "the bonded patch's radius is missing";
-                Err(source.error(given.map_or(raw.span(), Spanned::span), problem, "add patch_radius_mm"))
+                let place = given.map_or(raw.span(), Spanned::span);
+                return Err(source.error(place, problem, "add patch_radius_mm"));
             }
         },
-        other => Err(source.error(
-            given.map_or(raw.span(), Spanned::span),
-            &format!("there is no contact `{}`", other.escape_debug()),
-            "give contact = \"frictionless\" or \"bonded\"",
-        )),
+        other => {
+            return Err(source.error(
+                given.map_or(raw.span(), Spanned::span),
+                &format!("there is no contact `{}`", other.escape_debug()),
+                "give contact = \"sticking\", \"frictionless\" or \"bonded\"",
+            ));
+        }
+    };
+    if let Some(patch) = patch {
+        let problem = format!("a {} contact finds its patch itself", contact.name());
+        let hint = "remove patch_radius_mm, or say contact = \"bonded\"";
+        return Err(source.error(patch.span(), &problem, hint));
     }
+    if *shape == ToolShape::Point {
+        let problem = "a point's force on a body is not defined: it has no extent to press with";
+        let hint =
+            "give the tool an extent (shape = \"sphere\"), or contact = \"bonded\" with patch_radius_mm";
+        return Err(source.error(tool.shape.span(), problem, hint));
+    }
+    Ok(contact)
 }
