@@ -12,7 +12,7 @@ use palpate_body::{
 use palpate_identify::{
     CoupledOptions, DragRecord, FitReport, PathOptions, PointRecord, fit_coupled, fit_paths,
 };
-use palpate_simulate::PointPaths;
+use palpate_simulate::{PointPaths, PointPlan};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -69,7 +69,7 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
     for (index, point) in &record.points {
         let (test_point, paths) = (point.test_point(), point.paths());
         told.extend(stops(*index, &test_point, &paths));
-        records.push(point_record(test_point.node, test_point.plan.inward, &paths, point));
+        records.push(point_record(test_point.node, test_point.plan.inward, &paths, &test_point.plan));
     }
     if records.iter().all(|r| r.press.is_empty()) {
         let first = told.first().map_or("", String::as_str);
@@ -164,13 +164,8 @@ fn provenance(record: &PathsRecord, notes: Vec<String>) -> Provenance {
     }
 }
 
-fn point_record(
-    node: u32,
-    inward: DVec3,
-    paths: &PointPaths,
-    point: &crate::paths_file::Point,
-) -> PointRecord {
-    let plan = point.test_point().plan;
+/// A point's paths, as fits take them.
+pub fn point_record(node: u32, inward: DVec3, paths: &PointPaths, plan: &PointPlan) -> PointRecord {
     let drags = plan.drags.iter().zip(&paths.drags).filter_map(|(drag, path)| {
         // Where the press did not come so deep there was no drag.
         let depth_m = paths.press.states.get(drag.from)?.depth_m;
