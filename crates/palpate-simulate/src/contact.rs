@@ -289,7 +289,13 @@ impl<'t> ToolContact<'t> {
 
     /// Catches what touches and is free, on the tool where it touched first: on the way from `before`, a place of the tool
     /// and displacements, if it did not touch then. Returns the force along the tool that this brings, N.
-    pub fn catch(&mut self, model: &Model, u: &[f64], before: Option<(&Placement, &[f64])>, friction: Friction) -> f64 {
+    pub fn catch(
+        &mut self,
+        model: &Model,
+        u: &[f64],
+        before: Option<(&Placement, &[f64])>,
+        friction: Friction,
+    ) -> f64 {
         let mut caught = Vec::new();
         let back = self.placement.rotation.transpose();
         self.each_touch(model, u, |f, q, touch| {
@@ -299,7 +305,8 @@ impl<'t> ToolContact<'t> {
             let now = back * (touch.at - self.placement.tip);
             let mut place = now;
             if let Some((placement, u)) = before {
-                let at: DVec3 = touch.shape.iter().zip(touch.face.nodes).map(|(n, i)| model.place(i, u) * *n).sum();
+                let at: DVec3 =
+                    touch.shape.iter().zip(touch.face.nodes).map(|(n, i)| model.place(i, u) * *n).sum();
                 let then = placement.rotation.transpose() * (at - placement.tip);
                 let gap = self.tool.distance(then).value;
                 if gap > 0.0 {
@@ -310,7 +317,12 @@ impl<'t> ToolContact<'t> {
             let moved = now - place;
             let stretch = (moved - normal * moved.dot(normal)).length();
             let limit = friction.limit(-touch.distance);
-            caught.push((f, q, Anchor { place, normal, limit }, touch.weight * touch.face.penalty * stretch.min(limit)));
+            caught.push((
+                f,
+                q,
+                Anchor { place, normal, limit },
+                touch.weight * touch.face.penalty * stretch.min(limit),
+            ));
         });
         if !caught.is_empty() {
             self.anchors.resize(self.faces.len(), [None; POINTS]);

@@ -1,7 +1,7 @@
 //! Load paths: the tool is pressed in, and dragged, step by step.
 
 use crate::contact::{Anchors, Friction, Resultant, ToolContact};
-use crate::equilibrium::{Counts, Failure, Solver};
+use crate::equilibrium::{Counts, Failure, RESIDUAL_TOLERANCE, Solver, TOOL_TOLERANCE};
 use crate::load::Load;
 use crate::mesh::Boundary;
 use crate::model::{Fixed, Model};
@@ -21,6 +21,12 @@ const MAX_CG_ITERATIONS: u32 = 3000;
 
 /// Of the tool's force: what points that were caught, let go or limited anew change by less than that is worth no solve.
 const SETTLED: f64 = 1e-3;
+
+/// The residual, in parts of the reaction, of the first solve of a step, whose grip is a guess.
+const FIRST_TOLERANCE: f64 = 1e-2;
+
+/// Residuals up to which a state is exact enough to say what has left the tool.
+const RELEASE_TOLERANCE: f64 = 1e-4;
 
 /// How often a step is solved again for that.
 const MAX_ROUNDS: u32 = 20;
@@ -131,7 +137,8 @@ impl Model {
         let mut walker = self.bonded(nodes.iter().copied(), centre / nodes.len().max(1) as f64);
         let mut path = Path::default();
         for &displacement in displacements {
-            let target = Target { pose: displacement.into(), depth_m: displacement.length(), distance_m: 0.0 };
+            let target =
+                Target { pose: displacement.into(), depth_m: displacement.length(), distance_m: 0.0 };
             match walker.go(&target, cancelled) {
                 Ok(state) => path.states.push(state),
                 Err(Failure::Cancelled) => return None,
@@ -311,7 +318,10 @@ impl From<DVec3> for Pose {
 
 impl Pose {
     fn towards(&self, other: &Pose, share: f64) -> Pose {
-        Pose { offset: self.offset.lerp(other.offset, share), rotation: self.rotation.slerp(other.rotation, share) }
+        Pose {
+            offset: self.offset.lerp(other.offset, share),
+            rotation: self.rotation.slerp(other.rotation, share),
+        }
     }
 }
 
@@ -520,6 +530,7 @@ impl<'m, 't> LoadStepper<'m, 't> {
         }
         if let Load::Tool(contact) = &mut self.load {
             self.resultant = contact.resultant(self.solver.model, &self.solver.u);
+            contact.release(self.solver.model, &self.solver.u);
             contact.slip(self.solver.model, &self.solver.u);
         }
         self.at = to;
@@ -533,26 +544,42 @@ impl<'m, 't> LoadStepper<'m, 't> {
     fn settle(&mut self, old: &Snapshot, cancelled: &AtomicBool) -> Result<(), Failure> {
         let friction = self.friction;
         let before = self.start.moved(old.at.offset, old.at.rotation);
+        let (Load::Tool(_), true) = (&self.load, friction != Friction::None) else {
+            let share = if matches!(self.load, Load::Tool(_)) { TOOL_TOLERANCE } else { RESIDUAL_TOLERANCE };
+            return self.solver.equilibrate(&self.load, share, cancelled).map(|_| ());
+        };
+        // What touches on the way is caught as the guess has it, before the first solve.
+        let mut share = FIRST_TOLERANCE;
+        if let Load::Tool(contact) = &mut self.load {
+            // Of the pressures the guess knows nothing: only what sticks holds already.
+            let guess = if friction == Friction::Sticking { friction } else { Friction::None };
+            contact.catch(self.solver.model, &self.solver.u, Some((&before, &old.u)), guess);
+        }
         for _ in 0..MAX_ROUNDS {
-            let model = self.solver.model;
-            if let (Load::Tool(contact), true) = (&mut self.load, friction != Friction::None) {
-                // As the guess has it: so that what touches on the way is caught before the first solve.
-                contact.catch(model, &self.solver.u, Some((&before, &old.u)), friction);
-            }
-            self.solver.equilibrate(&self.load, cancelled)?;
-            let (Load::Tool(contact), true) = (&mut self.load, friction != Friction::None) else { return Ok(()) };
-            let u = &self.solver.u;
-            let force = contact.resultant(model, u).force_n.length().max(model.least_force_n);
-            let mut changed = contact.release(model, u);
-            if let Friction::Coulomb(_) = friction {
-                changed += contact.limit(model, u, friction);
-            }
-            changed += contact.catch(model, u, Some((&before, &old.u)), friction);
-            if changed <= SETTLED * force {
+            self.solver.equilibrate(&self.load, share, cancelled)?;
+            // An inexact state lets nothing go: what came back would have lost its place on the tool.
+            let changed = self.regrip(&before, &old.u, share <= RELEASE_TOLERANCE);
+            if changed <= SETTLED && share <= TOOL_TOLERANCE {
                 return Ok(());
             }
+            share = (0.1 * changed).clamp(TOOL_TOLERANCE, FIRST_TOLERANCE);
         }
         Err(Failure::Slow)
+    }
+
+    /// Catches, lets go and limits as the state at hand asks for; the change of forces along the tool, in parts of its force.
+    fn regrip(&mut self, before: &Placement, u_before: &[f64], release: bool) -> f64 {
+        let (model, u, friction) = (self.solver.model, &self.solver.u, self.friction);
+        let Load::Tool(contact) = &mut self.load else { return 0.0 };
+        let force = contact.resultant(model, u).force_n.length().max(model.least_force_n);
+        let mut changed = match friction {
+            // Without pressure nothing is held: what comes back within the step has not lost its place.
+            Friction::Coulomb(_) => contact.limit(model, u, friction),
+            _ if release => contact.release(model, u),
+            _ => 0.0,
+        };
+        changed += contact.catch(model, u, Some((before, u_before)), friction);
+        changed / force
     }
 
     /// The stuck tangent here, with a factor of its own; `indefinite` comes true where the energy curves downwards.
