@@ -1,10 +1,13 @@
-//! Measures the error on held-out paths: random paths that no test point has seen, simulated in full, against the body's answer.
+//! Measures the error on held-out paths: random paths that no test point has seen, simulated in full, against
+//! the body's answer.
 //!
-//! A path is any motion of the tool, with the same friction on both sides ([`History`]). The simulation's force and the
-//! engine's are compared at each state, along û and at right angles to it, in size and in direction, in % of the path's
-//! largest force and of the state's own. `docs/validate.md` says how to read it.
+//! A path is any motion of the tool, with the same friction on both sides ([`History`]). The simulation's
+//! force and the engine's are compared at each state, along û and at right angles to it, in size and in
+//! direction, in % of the path's largest force and of the state's own. `docs/validate.md` says how to read
+//! it.
 //!
-//! Where the error comes from shows when the same motion is rendered by a body that lacks one ingredient: see [`Source`].
+//! Where the error comes from shows when the same motion is rendered by a body that lacks one ingredient: see
+//! [`Source`].
 
 use anyhow::{Result, anyhow, bail};
 use errors::{lateral_part, normal_part};
@@ -31,7 +34,8 @@ pub use report::Measure;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum History {
-    /// A free path with Coulomb friction: pressed at an angle, dragged past slip, back, round a circle, let go, touched again.
+    /// A free path with Coulomb friction: pressed at an angle, dragged past slip, back, round a circle, let
+    /// go, touched again.
     #[default]
     Coulomb,
     /// Pressed straight in to the greatest depth, without friction on both sides.
@@ -77,7 +81,8 @@ pub struct Trial {
     pub touchable: Vec<bool>,
 }
 
-/// What simulates paths. The same result for the same plan, whatever runs beside; none if it was told to stop.
+/// What simulates paths. The same result for the same plan, whatever runs beside; none if it was told to
+/// stop.
 pub trait Simulator: Sync {
     /// Presses and drags: sticking from first touch on, or dragged only.
     fn press(&self, plan: &PointPlan, sticking: bool) -> Option<PointPaths>;
@@ -113,7 +118,8 @@ pub enum Source {
     WithoutOffset,
     /// A coupled law without its terms of third and fourth order.
     WithoutHigherTerms,
-    /// A coupled law without b, third and fourth order, and with one lateral stiffness for all depths: equation (4).
+    /// A coupled law without b, third and fourth order, and with one lateral stiffness for all depths:
+    /// equation (4).
     Decoupled,
     /// The lateral response is alike in all directions.
     Isotropic,
@@ -440,8 +446,9 @@ impl Leg {
     }
 }
 
-/// For each node of the body whether the tool can come there: whether the nearest of the simulated surface's nodes, given
-/// as (position, held), is free, and what is held farther away than `margin_m`, as for test points.
+/// For each node of the body whether the tool can come there: whether the nearest of the simulated surface's
+/// nodes, given as (position, held), is free, and what is held farther away than `margin_m`, as for test
+/// points.
 ///
 /// # Errors
 /// As [`palpate_identify::touchable`].
@@ -471,8 +478,8 @@ pub fn touchable(
     Ok(palpate_identify::touchable(&body.parts().surface, &held, margin_m)?)
 }
 
-/// Tries paths on `body`; `progress` hears of each path that is done. Paths run beside each other on the threads of rayon's
-/// present pool, and the result does not depend on their number.
+/// Tries paths on `body`; `progress` hears of each path that is done. Paths run beside each other on the
+/// threads of rayon's present pool, and the result does not depend on their number.
 ///
 /// # Errors
 /// The trial does not fit the body, no path gave a state, or it was stopped.

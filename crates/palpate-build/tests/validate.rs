@@ -54,8 +54,8 @@ fn stiffness(at: DVec3) -> f64 {
     1.0 + at.x * 15.0
 }
 
-/// The same ball with a potential at each test point: pressed straight in it leans, and it is stiffer laterally the
-/// deeper it is pressed. Friction varies with the depth.
+/// The same ball with a potential at each test point: pressed straight in it leans, and it is stiffer
+/// laterally the deeper it is pressed. Friction varies with the depth.
 fn coupled(radius_m: f64) -> Body {
     let plain = body(radius_m);
     let nodes = plain.test_point_nodes().iter().map(|&n| &plain.nodes()[n as usize]);
@@ -264,7 +264,8 @@ fn more_friction_in_the_simulation_shows_where_it_slides_and_hardly_where_it_sti
         let [held, simulated, rendered] =
             [sliding.pressures_hold, sliding.simulated, sliding.rendered].map(|p| p.median);
         assert!((held - 1.2).abs() < 0.05 && (simulated / rendered - 1.2).abs() < 0.05, "{sliding:?}");
-        // The energy's slope along the surface is what slips: on a ball more than f_t, by about δz over its radius.
+        // The energy's slope along the surface is what slips: on a ball more than f_t, by about δz over its
+        // radius.
         assert!(rendered < 1.0 && rendered > 0.8, "{sliding:?}");
         let [stick, slip] = [Phase::Stick, Phase::Slip].map(|p| phase(&v, p).lateral.of_local.median);
         assert!(slip > 2.0 && stick < 0.5 * slip, "{stick} {slip}");
@@ -294,7 +295,8 @@ fn rows_that_lack_an_ingredient_are_right_where_the_simulation_lacks_it() {
         law.potentials.iter_mut().for_each(change);
         Body::new(BodyParts { coupled: Some(law), ..body.parts() }).unwrap()
     };
-    let cases: [(Source, fn(&mut Potential)); 3] = [
+    type Change = fn(&mut Potential);
+    let cases: [(Source, Change); 3] = [
         (Source::WithoutOffset, |p| {
             p.offset = p.offset.each_ref().map(|c| Curve::blend(&[(0.0, c)]).unwrap())
         }),
@@ -384,7 +386,7 @@ fn paths_are_random_held_out_and_the_same_for_a_seed() {
             let share = p.depth_m / NORMAL_MAX;
             (low, high) = (low.min(share), high.max(share));
         }
-        assert!(low >= 0.1 && low < 0.2 && high > 0.9 && high <= 1.0, "{low} {high}");
+        assert!((0.1..0.2).contains(&low) && (0.9..=1.0).contains(&high), "{low} {high}");
     }
 }
 

@@ -56,7 +56,8 @@ pub struct Errors {
     pub size: Spread,
     /// Between the forces, where they are above a tenth of the path's largest, degrees.
     pub angle_deg: Percentiles,
-    /// The lateral error in % of the state's own normal force, where the force is above a tenth of the path's largest.
+    /// The lateral error in % of the state's own normal force, where the force is above a tenth of the path's
+    /// largest.
     pub lateral_of_normal: Percentiles,
 }
 
@@ -161,8 +162,8 @@ impl Errors {
     }
 }
 
-/// What the simulation says of sustained sliding: states of drags, ways back and circles where nearly all slips. Normal is
-/// along û at the rendered contact point, which has left the path's own.
+/// What the simulation says of sustained sliding: states of drags, ways back and circles where nearly all
+/// slips. Normal is along û at the rendered contact point, which has left the path's own.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Sliding {
     /// How many.

@@ -1,4 +1,5 @@
-//! Free paths: the tool comes at an angle, presses, drags past slip, turns back, goes round, lets go and touches again.
+//! Free paths: the tool comes at an angle, presses, drags past slip, turns back, goes round, lets go and
+//! touches again.
 
 use super::place::{self, Ground, Random, coefficient};
 use super::{Leg, Plan, Trial, Tried};
@@ -35,7 +36,8 @@ pub fn coulomb(trial: &Trial, body: &Body, ground: &Ground, path: usize) -> Trie
     // Half of the sideways way before the point, half of it behind.
     let pressed = leaning * (0.5 * depth * lean);
 
-    // A ball slips after about μ δz: f_z = ⅔ k_n δz (Hertz), k_t/k_n = 2(1−ν)/(2−ν) (Mindlin), and ν is near ½.
+    // A ball slips after about μ δz: f_z = ⅔ k_n δz (Hertz), k_t/k_n = 2(1−ν)/(2−ν) (Mindlin), and ν is near
+    // ½.
     let slip = coefficient(&friction, depth) * depth;
     let past_slip = (random.between(2.0, 3.0) * slip).max(0.25 * range);
     let dragged = pressed + along * past_slip.min(within(pressed, along, range));

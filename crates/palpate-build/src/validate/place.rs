@@ -129,7 +129,8 @@ fn corners_at(body: &Body, nodes: &[u32], touchable: &[bool]) -> Vec<SurfacePoin
     nodes.iter().filter(|&&n| touchable[n as usize]).filter_map(|&n| corner[n as usize]).collect()
 }
 
-/// Where a tool's reference point is when it first touches, coming along û through the point, m: there offsets begin.
+/// Where a tool's reference point is when it first touches, coming along û through the point, m: there
+/// offsets begin.
 pub fn first_touch(body: &Body, place: &Place) -> DVec3 {
     let radius = body.tool().radius_m();
     let on = |gap: f64| place.point - place.inward * (radius + gap);

@@ -9,8 +9,9 @@ use palpate_simulate::{Drag, Path, PointPaths, PointPlan, State};
 use std::f64::consts::TAU;
 use std::ops::Range;
 
-/// A press to a random depth and a drag from there. A frictionless press has further drags from the test points' depths;
-/// one that sticks is dragged no farther than 1.5 times what friction would hold, as a law's samples are.
+/// A press to a random depth and a drag from there. A frictionless press has further drags from the test
+/// points' depths; one that sticks is dragged no farther than 1.5 times what friction would hold, as a law's
+/// samples are.
 pub fn press_and_drag(trial: &Trial, body: &Body, ground: &Ground, path: usize) -> Tried {
     let mut random = Random::new(trial.seed, path);
     let depth = random.between(0.1, 1.0) * trial.normal_max_m;

@@ -39,8 +39,8 @@ impl Variant {
         Variant { source, friction: vec![scale], ..self.clone() }
     }
 
-    /// The forces on the body, N, with the tool at these offsets (m) from `start`, which is where it touches first; and û
-    /// at each contact point.
+    /// The forces on the body, N, with the tool at these offsets (m) from `start`, which is where it touches
+    /// first; and û at each contact point.
     pub fn forces(&self, start: DVec3, inward: DVec3, offsets: &[DVec3]) -> (Vec<DVec3>, Vec<DVec3>) {
         /// Between two steps of the engine, m: a hand at 20 mm/s and 1 kHz.
         const STRIDE: f64 = 20e-6;
@@ -155,9 +155,10 @@ fn slip(rule: SlipRule) -> Source {
     }
 }
 
-/// Frictions of contacts side by side that give together what a ball's partial slip gives (Mindlin):
-/// f_t/L = 1 − (1 − x)^1.5 at x = k_t δ/(1.5 L). Of contacts that slip at x, −d²(f_t/L)/dx² ∝ (1 − x)^−½ is the density;
-/// the share of those up to x is 1 − (1 − x)^½, and one that slips there holds 1.5 x times what it would alone.
+/// Frictions of contacts side by side that give together what a ball's partial slip gives (Mindlin): f_t/L =
+/// 1 − (1 − x)^1.5 at x = k_t δ/(1.5 L). Of contacts that slip at x, −d²(f_t/L)/dx² ∝ (1 − x)^−½ is the
+/// density; the share of those up to x is 1 − (1 − x)^½, and one that slips there holds 1.5 x times what it
+/// would alone.
 fn partial_slip() -> Vec<f64> {
     /// The force is then off by less than 0.002 L.
     const CONTACTS: u32 = 8;
@@ -196,7 +197,8 @@ fn constant(like: &Curve, value: f64) -> palpate_body::Result<Curve> {
 }
 
 /// The body with more friction than can be overcome, from first touch on. With a greatest depth (m): without
-/// friction down to a hundredth of it, where the contact settles, and with endless friction from two hundredths on.
+/// friction down to a hundredth of it, where the contact settles, and with endless friction from two
+/// hundredths on.
 ///
 /// # Errors
 /// The responses can't be brought onto the further knots.

@@ -85,8 +85,8 @@ impl Validation {
         tables
     }
 
-    /// The body's normal and lateral errors at all states that count, in %, ascending. Not for [`Measure::Paths`], which has
-    /// no states.
+    /// The body's normal and lateral errors at all states that count, in %, ascending. Not for
+    /// [`Measure::Paths`], which has no states.
     pub fn state_errors(&self, measure: Measure) -> [Vec<f64>; 2] {
         let answers = self.paths.iter().filter_map(|p| Some((p, p.answer(Source::Body)?)));
         ascending(answers, measure == Measure::Local)

@@ -22,7 +22,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// What is simulated and rendered, as options name it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum History {
-    /// Free paths with the body's friction: pressed at an angle, dragged past slip, back, round, let go, touched again
+    /// Free paths with the body's friction: pressed at an angle, dragged past slip, back, round, let go,
+    /// touched again
     Coulomb,
     /// Pressed straight in to the greatest depth, without friction on both sides
     Frictionless,
@@ -46,10 +47,11 @@ impl History {
 
 /// Say how wrong a body's forces are, on random paths that no test point has seen
 ///
-/// Each path touches at a random point at an angle, presses, drags past slip, turns back, goes round a circle, lets go and
-/// touches again. It is simulated in full, with the spec's mesh, material and tool and the body's friction, and compared
-/// with what the engine renders: errors in % of the path's largest force and of the force at hand, for each part of the
-/// path, and a table of where they come from. docs/validate.md explains the measure.
+/// Each path touches at a random point at an angle, presses, drags past slip, turns back, goes round a
+/// circle, lets go and touches again. It is simulated in full, with the spec's mesh, material and tool and
+/// the body's friction, and compared with what the engine renders: errors in % of the path's largest force
+/// and of the force at hand, for each part of the path, and a table of where they come from. docs/validate.md
+/// explains the measure.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  palpate validate liver.body liver.toml --paths 40 -o liver-errors\n\n\
                         Exit status: 0 done, 1 wrong input, 2 wrong usage, 130 stopped by a signal.")]
@@ -71,7 +73,8 @@ pub struct Args {
     /// Begin paths at test points, not between them: the error without interpolation
     #[arg(long)]
     at_test_points: bool,
-    /// Also find the potential of each path's own point, which costs as much again: what test points and interpolation take
+    /// Also find the potential of each path's own point, which costs as much again: what test points and
+    /// interpolation take
     #[arg(long)]
     own: bool,
     /// States of a press to the greatest depth; no load step is longer [default: the spec's steps]
