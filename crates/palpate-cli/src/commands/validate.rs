@@ -99,6 +99,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let body = Body::open(&args.body)?;
     let spec = Spec::read(&args.spec)?;
     let simulation = spec.simulation(&args.spec)?;
+    if args.history != History::FrictionlessPress
+        && let spec::Contact::Bonded { .. } = simulation.contact
+    {
+        return Err(anyhow!(
+            "{}: [tool] contact: a bonded patch neither slips nor lets go; give --history frictionless-press",
+            args.spec.display()
+        )
+        .into());
+    }
     let names = ["validate.md", "validate.png", "states.csv"];
     let outputs: Vec<PathBuf> =
         args.output.iter().flat_map(|folder| names.map(|name| folder.join(name))).collect();
@@ -115,16 +124,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             args.spec.display(),
             args.body.display()
         ));
-    }
-
-    if args.history != History::FrictionlessPress
-        && let spec::Contact::Bonded { .. } = simulation.contact
-    {
-        return Err(anyhow!(
-            "{}: [tool] contact: a bonded patch neither slips nor lets go; give --history frictionless-press",
-            args.spec.display()
-        )
-        .into());
     }
 
     static CANCELLED: AtomicBool = AtomicBool::new(false);
