@@ -235,6 +235,47 @@ impl StateErrors {
     }
 }
 
+/// What is lost between the places that were simulated. Errors are root mean squares over the states with |f_t| ≤ f_z of a place,
+/// in % of its largest force: of the force that the others' potentials make there.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct InterpolationErrors {
+    /// Of places left out one at a time, for each way to interpolate.
+    pub left_out: Vec<LeftOut>,
+    /// Of the places that are not among so many of them, ascending.
+    pub by_count: Vec<CountErrors>,
+}
+
+/// Errors of places that were left out, one at a time.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct LeftOut {
+    /// What was made alike before potentials were blended: `none`, `stiffness` or `compliance` at rest, or `deep-press`, what a
+    /// press at the place itself would gain.
+    pub normalisation: String,
+    /// Whether the body's potentials are interpolated so.
+    pub used: bool,
+    /// Places that were left out.
+    pub places: u32,
+    /// Half of them err no more.
+    pub median_percent: f64,
+    /// One in twenty errs more.
+    pub p95_percent: f64,
+    /// Over them.
+    pub mean_percent: f64,
+}
+
+/// Errors with so many test points.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct CountErrors {
+    /// How many.
+    pub test_points: u32,
+    /// Other places, whose states they predict.
+    pub places: u32,
+    /// Half of them err no more.
+    pub median_percent: f64,
+    /// One in twenty errs more.
+    pub p95_percent: f64,
+}
+
 /// Where a body came from.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
@@ -255,6 +296,9 @@ pub struct Provenance {
     /// One for each place that was simulated, where potentials come from simulated load paths.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub potential_errors: Vec<PotentialErrors>,
+    /// Between them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub interpolation: Option<InterpolationErrors>,
 }
 
 /// What a body is made of.

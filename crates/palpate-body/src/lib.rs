@@ -57,8 +57,8 @@ pub mod surface;
 pub mod tensor;
 
 pub use body::{
-    BlendWeights, Body, BodyParts, Node, PointErrors, PotentialErrors, Provenance, SlipRule, StateErrors,
-    Tool,
+    BlendWeights, Body, BodyParts, CountErrors, InterpolationErrors, LeftOut, Node, PointErrors,
+    PotentialErrors, Provenance, SlipRule, StateErrors, Tool,
 };
 pub use curve::{Curve, Extension, Interpolation};
 pub use error::{BodyError, Result};

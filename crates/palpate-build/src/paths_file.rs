@@ -8,7 +8,7 @@ mod field;
 pub use field::LEVELS;
 
 use anyhow::{Result, anyhow};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use palpate_body::TriangleMesh;
 use palpate_files as files;
 use palpate_simulate::{Drag, Path as LoadPath, PointPaths, PointPlan, State, Stop};
@@ -103,8 +103,11 @@ impl PathsPlan {
 pub struct Scene {
     /// The surface that is touched, repaired, m.
     pub surface: TriangleMesh,
-    /// Stiffness of the body at rest at each node that this surface gets (more than one where it is creased), N/m: what responses go with between test points.
+    /// Stiffness of the body at rest at each node that this surface gets (more than one where
+    /// it is creased), N/m: what responses go with between test points.
     pub guide_n_per_m: Vec<f64>,
+    /// The compliance at rest that it comes from, in the body's axes, m/N; empty if it was not found.
+    pub compliance_m_per_n: Vec<DMat3>,
     /// Nodes of the simulated mesh's boundary at rest, m; displacement fields are theirs.
     pub boundary_m: Vec<DVec3>,
     /// Its faces: indices into `boundary_m`, three corners and the middles of the edges 01, 12, 20.
@@ -451,6 +454,7 @@ struct PathsHeader {
 const SURFACE_POSITIONS: &str = "surface_positions_m";
 const SURFACE_TRIANGLES: &str = "surface_triangles";
 const GUIDE: &str = "guide_n_per_m";
+const COMPLIANCE: &str = "rest_compliance_m_per_n";
 const BOUNDARY_POSITIONS: &str = "boundary_positions_m";
 const BOUNDARY_FACES: &str = "boundary_faces";
 
@@ -476,6 +480,7 @@ impl PathsRecord {
         if let Some(scene) = scene {
             layout.push((SURFACE_POSITIONS.into(), F64, vec![scene.surface.positions.len(), 3]));
             layout.push((GUIDE.into(), F64, vec![scene.guide_n_per_m.len(), 1]));
+            layout.push((COMPLIANCE.into(), F64, vec![scene.compliance_m_per_n.len(), 6]));
             layout.push((BOUNDARY_POSITIONS.into(), F64, vec![scene.boundary_m.len(), 3]));
         }
         layout.extend(states.into_iter().flatten());
@@ -529,6 +534,7 @@ impl PathsRecord {
         if let Some(scene) = &self.scene {
             doubles(&mut scene.surface.positions.iter().flat_map(|v| v.to_array()))?;
             doubles(&mut scene.guide_n_per_m.iter().copied())?;
+            doubles(&mut scene.compliance_m_per_n.iter().flat_map(six))?;
             doubles(&mut scene.boundary_m.iter().flat_map(|v| v.to_array()))?;
         }
         for point in self.points.values() {
@@ -623,6 +629,10 @@ impl PathsRecord {
                         triangles: indices(&read(tensor(SURFACE_TRIANGLES, U32, &[3])?)?),
                     },
                     guide_n_per_m: numbers(&read(tensor(GUIDE, F64, &[1])?)?),
+                    compliance_m_per_n: match version {
+                        1 => Vec::new(),
+                        _ => symmetric(&read(tensor(COMPLIANCE, F64, &[6])?)?),
+                    },
                     boundary_m: vectors(&read(tensor(BOUNDARY_POSITIONS, F64, &[3])?)?),
                     faces: indices(&read(tensor(BOUNDARY_FACES, U32, &[6])?)?),
                     notes: head.json("notes")?,
@@ -631,6 +641,7 @@ impl PathsRecord {
                 let (nodes, boundary) = (scene.surface.positions.len(), scene.boundary_m.len());
                 if !scene.surface.triangles.iter().flatten().all(|n| within(n, nodes))
                     || !scene.faces.iter().flatten().all(|n| within(n, boundary))
+                    || !scene.compliance_m_per_n.iter().all(|s| s.is_finite())
                     || !scene.guide_n_per_m.iter().all(|g| *g > 0.0 && g.is_finite())
                     || !scene.surface.positions.iter().chain(&scene.boundary_m).all(|p| p.is_finite())
                 {
@@ -684,6 +695,19 @@ impl Head<'_> {
 
 fn numbers(bytes: &[u8]) -> Vec<f64> {
     bytes.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect()
+}
+
+/// xx, yy, zz, xy, xz, yz.
+fn six(m: &DMat3) -> [f64; 6] {
+    [m.x_axis.x, m.y_axis.y, m.z_axis.z, m.x_axis.y, m.x_axis.z, m.y_axis.z]
+}
+
+fn symmetric(bytes: &[u8]) -> Vec<DMat3> {
+    let rows = numbers(bytes);
+    let matrix = |&[xx, yy, zz, xy, xz, yz]: &[f64; 6]| {
+        DMat3::from_cols(DVec3::new(xx, xy, xz), DVec3::new(xy, yy, yz), DVec3::new(xz, yz, zz))
+    };
+    rows.as_chunks::<6>().0.iter().map(matrix).collect()
 }
 
 fn vectors(bytes: &[u8]) -> Vec<DVec3> {

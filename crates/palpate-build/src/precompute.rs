@@ -7,7 +7,7 @@ pub mod run;
 pub mod volume;
 mod workspace;
 
-pub use run::{Options, PointSolver, Prepared, Shard, Stopped, merge};
+pub use run::{Options, PointSolver, Prepared, Rounds, Shard, Stopped, merge};
 pub use workspace::Workspace;
 
 /// What a path that ended early, or a point that could not be pressed at all, is reported as.

@@ -21,7 +21,7 @@ fn a_file_of_version_1_makes_the_body_it_made() {
     let paths = record.points[&1].paths_with_displacements().unwrap();
     assert_eq!((paths.press.states.len(), paths.drags.len()), (3, 4));
     let state = &paths.press.states[2];
-    assert_eq!(state.depth_m, 3e-3);
+    assert!((state.depth_m - 3e-3).abs() < 1e-12);
     assert!(state.force_n.length() > 0.01 && state.patch_m2 > 0.0 && state.iterations > 0, "{state:?}");
     assert!(state.displacement_m.iter().flatten().any(|d| d.abs() > 1e-3));
     assert_eq!((state.pressed_n, state.tangent.is_none(), state.indefinite), (0.0, true, false));

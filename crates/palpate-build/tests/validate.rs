@@ -3,8 +3,8 @@
 use glam::DVec3;
 use palpate_body::shape::{Resolution, Shape};
 use palpate_body::{
-    Body, BodyParts, CoupledLaw, Curve, Extension, Interpolation, Potential, Provenance, Response, SlipRule,
-    Tool, tensor,
+    Body, BodyParts, CoupledLaw, Curve, Extension, Interpolation, Potential, PotentialErrors, Provenance,
+    Response, SlipRule, Tool, tensor,
 };
 use palpate_build::validate::{
     Errors, History, Measure, Phase, Simulator, Source, Trial, Validation, sticking, validate,
@@ -415,6 +415,24 @@ fn paths_at_test_points_begin_there() {
     element.nodes.iter().for_each(|&n| between.touchable[n as usize] = true);
     let error = validate(&body, &between, &simulated, &|| ()).map(|_| ()).unwrap_err();
     assert!(error.to_string().contains("no test point can be touched"));
+}
+
+/// Nodes may have potentials that were made from test points' around: they are no place that was simulated.
+#[test]
+fn only_places_that_were_simulated_count_as_test_points() {
+    let mut parts = coupled(0.0).parts();
+    let simulated: Vec<u32> = parts.test_point_nodes[..5].to_vec();
+    let errors = simulated.iter().map(|&node| PotentialErrors { node, ..PotentialErrors::default() });
+    parts.provenance.potential_errors = errors.collect();
+    let body = Body::new(parts).unwrap();
+    let touchable = vec![true; body.nodes().len()];
+    let trial = Trial { at_test_points: true, touchable, ..trial(&body, History::Coulomb, 30) };
+    let v = validate(&body, &trial, &Engine::of(&body), &|| ()).unwrap();
+    let at = |n: u32| body.nodes()[n as usize].position;
+    for p in &v.paths {
+        let point = DVec3::from_array(p.point_m);
+        assert!(simulated.iter().any(|&n| at(n).distance(point) < 1e-9), "{point}");
+    }
 }
 
 #[test]

@@ -3,7 +3,8 @@
 use crate::plot::{Line, LineChart};
 use palpate_body::stiffness::{StiffnessAt, principals, stiffness_max};
 use palpate_body::{
-    Body, CoupledLaw, Curve, NO_TWIN, PointErrors, Potential, Provenance, Response, SlipRule,
+    Body, CountErrors, CoupledLaw, Curve, NO_TWIN, PointErrors, Potential, PotentialErrors, Provenance,
+    Response, SlipRule, StateErrors,
 };
 use palpate_build::validate::{median, percentile};
 use serde::Serialize;
@@ -19,7 +20,7 @@ pub struct Inspection {
     pub triangles: usize,
     /// Edges with one triangle only.
     pub border_edges: usize,
-    /// Test points.
+    /// Test points; of a coupled law potentials, also those made from other places'.
     pub test_points: usize,
     /// `decoupled`, curves of normal and lateral force, or `coupled`, one potential of both.
     pub law: &'static str,
@@ -47,6 +48,8 @@ pub struct Inspection {
     pub stiffness_max_n_per_m: Vec<StiffnessAt>,
     /// How far the responses are from the load paths that they were made from; none for measured samples and laws.
     pub fit_errors: Option<FitErrors>,
+    /// The same of a coupled law's potentials.
+    pub potential_fit: Option<PotentialFit>,
     /// Where the body came from, with the errors of each test point.
     pub provenance: Provenance,
 }
@@ -97,6 +100,59 @@ fn fit_errors(points: &[PointErrors]) -> Option<FitErrors> {
         lateral_pressed: range(|p| p.lateral_pressed_n),
         lateral: range(|p| p.lateral_n),
         lateral_isotropic: range(|p| p.lateral_isotropic_n),
+    })
+}
+
+/// How far potentials are from what was simulated, over the places that were.
+#[derive(Debug, Clone, Serialize)]
+pub struct PotentialFit {
+    /// Places that were simulated, and those of them that the tool was dragged at.
+    pub places: [usize; 2],
+    /// Of states that friction holds, |f_t| ≤ μ f_z.
+    pub held: StateRanges,
+    /// Of states with |f_t| ≤ f_z.
+    pub within: StateRanges,
+    /// Of all states.
+    pub all: StateRanges,
+    /// Median and 95th percentile: what a press's forces gain from state to state less what its stuck tangents say, in % of that.
+    pub reciprocity_pressed_percent: [f64; 2],
+    /// Median and 95th percentile: what potentials miss of the change that drags make to the normal force, in % of that.
+    pub reciprocity_dragged_percent: [f64; 2],
+}
+
+/// Over places: the median of their medians, and the 95th percentile of theirs, in % of each state's force.
+#[derive(Debug, Clone, Serialize)]
+pub struct StateRanges {
+    /// Of the normal force.
+    pub normal_percent: [f64; 2],
+    /// Of the lateral force.
+    pub lateral_percent: [f64; 2],
+}
+
+fn potential_fit(places: &[PotentialErrors]) -> Option<PotentialFit> {
+    let quantiles = |values: &mut dyn Iterator<Item = [f64; 2]>| {
+        let [mut medians, mut p95s]: [Vec<f64>; 2] = values.map(|[a, b]| (a, b)).unzip().into();
+        medians.sort_by(f64::total_cmp);
+        p95s.sort_by(f64::total_cmp);
+        [median(&medians), percentile(&p95s, 0.95)]
+    };
+    let ranges = |of: fn(&PotentialErrors) -> &StateErrors| {
+        let some = || places.iter().map(of).filter(|e| e.states > 0);
+        StateRanges {
+            normal_percent: quantiles(&mut some().map(|e| e.normal_percent)),
+            lateral_percent: quantiles(&mut some().map(|e| e.lateral_percent)),
+        }
+    };
+    let dragged = || places.iter().filter(|p| p.dragged);
+    (!places.is_empty()).then(|| PotentialFit {
+        places: [places.len(), dragged().count()],
+        held: ranges(|p| &p.held),
+        within: ranges(|p| &p.within),
+        all: ranges(|p| &p.all),
+        reciprocity_pressed_percent: quantiles(
+            &mut places.iter().map(|p| [100.0 * p.reciprocity_pressed; 2]),
+        ),
+        reciprocity_dragged_percent: quantiles(&mut dragged().map(|p| [100.0 * p.reciprocity_dragged; 2])),
     })
 }
 
@@ -246,6 +302,7 @@ pub fn inspect(body: &Body) -> Inspection {
         }),
         stiffness_max_n_per_m: stiffness_max(body),
         fit_errors: fit_errors(&body.provenance().point_errors),
+        potential_fit: potential_fit(&body.provenance().potential_errors),
         provenance: body.provenance().clone(),
     }
 }
@@ -265,7 +322,7 @@ const LINES: usize = 12;
 /// friction curves, or of what a coupled law says.
 pub fn charts(body: &Body) -> Vec<(&'static str, Vec<LineChart>)> {
     match body.coupled_law() {
-        Some(law) => coupled_charts(body, law).into(),
+        Some(law) => coupled_charts(body, law).into_iter().chain(interpolation_chart(body)).collect(),
         None => decoupled_charts(body).map(|(name, chart)| (name, vec![chart])).into(),
     }
 }
@@ -366,6 +423,24 @@ fn coupled_charts(body: &Body, law: &CoupledLaw) -> [(&'static str, Vec<LineChar
             .collect(),
         ),
     ]
+}
+
+/// Error against the number of test points.
+fn interpolation_chart(body: &Body) -> Option<(&'static str, Vec<LineChart>)> {
+    let by_count = &body.provenance().interpolation.as_ref()?.by_count;
+    let line = |name: &str, of: fn(&CountErrors) -> f64| Line {
+        name: name.into(),
+        points: by_count.iter().map(|c| (f64::from(c.test_points), of(c))).collect(),
+        ..Line::default()
+    };
+    let chart = LineChart {
+        title: "Error at places that the test points predict".into(),
+        x_label: "test points".into(),
+        y_label: "error (% of the largest force)".into(),
+        lines: vec![line("95th percentile", |c| c.p95_percent), line("median", |c| c.median_percent)],
+        from_zero: true,
+    };
+    (by_count.len() > 1).then(|| ("test-points.png", vec![chart]))
 }
 
 fn decoupled_charts(body: &Body) -> [(&'static str, LineChart); 3] {

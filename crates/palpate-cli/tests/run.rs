@@ -126,8 +126,9 @@ fn prepared(pause: Duration) -> Prepared<Fake> {
         faces: triangles.triangles.iter().map(|&[a, b, c]| [a, b, c, a, b, c]).collect(),
         surface: triangles,
         notes: vec!["a note".into()],
+        ..Scene::default()
     };
-    Prepared { scene, points, solver: Fake { pause, nodes, solved: AtomicUsize::new(0) } }
+    Prepared { scene, points, solver: Fake { pause, nodes, solved: AtomicUsize::new(0) }, rounds: None }
 }
 
 fn options(folder: &Path) -> Options {
@@ -169,8 +170,8 @@ fn begin(options: &Options, plan: &PathsPlan, count: usize) {
         }
     }
     let prepare = || {
-        let Prepared { scene, points, solver } = prepared(Duration::ZERO);
-        Ok(Prepared { scene, points, solver: Few(solver, count, AtomicUsize::new(0)) })
+        let Prepared { scene, points, solver, rounds } = prepared(Duration::ZERO);
+        Ok(Prepared { scene, points, solver: Few(solver, count, AtomicUsize::new(0)), rounds })
     };
     match run::run(plan, options, prepare, &(), &AtomicBool::new(false)) {
         Err(Stopped::Cancelled { done, of: POINTS }) => assert_eq!(done, count),
@@ -231,7 +232,7 @@ fn the_record_tells_what_was_simulated() {
     let options = options(directory.path());
     whole(&options);
     let record = PathsRecord::open(&options.record).unwrap();
-    let Prepared { scene, points, solver } = prepared(Duration::ZERO);
+    let Prepared { scene, points, solver, .. } = prepared(Duration::ZERO);
     assert_eq!(record.scene, Some(scene));
     assert_eq!(record.points.len(), POINTS);
     for (index, point) in &record.points {
@@ -283,8 +284,8 @@ fn a_stopped_run_goes_on() {
             self.0.simulate(point, cancelled)
         }
     }
-    let Prepared { scene, points, solver } = counted;
-    let prepare = || Ok(Prepared { scene, points, solver: Counted(solver, solved) });
+    let Prepared { scene, points, solver, rounds } = counted;
+    let prepare = || Ok(Prepared { scene, points, solver: Counted(solver, solved), rounds });
     let (_, workspace) = run::run(&plan(), &resumed, prepare, &(), &never).unwrap();
     assert_eq!(solved.load(Ordering::SeqCst), POINTS - 7);
     assert!(fs::read(&resumed.record).unwrap() == expected.0);

@@ -4,39 +4,55 @@
 //! dragged as well, drags give C and Q. At all other test points these are those of the dragged points around, turned with
 //! the smallest rotation and scaled by the lateral stiffness at each depth.
 
+use crate::between::{Prior, Simulated, Spread, round};
 use crate::error::FitError;
 use crate::fit::{FitReport, PointReport, SAME_DEFLECTION};
 use crate::paths::{PointRecord, check, friction};
 use crate::potential::{
     ContactSample, ContactStiffness, PotentialOptions, UP_TO_STIFFNESS, fit_stuck, knots, length,
 };
-use crate::spread::{place, spread_everywhere};
-use glam::{DQuat, DVec3};
+use crate::spread::place;
+use crate::test_points::check_prior;
+use glam::{DMat3, DQuat, DVec3};
 use palpate_body::law::QUANTITIES;
 use palpate_body::{
-    BlendWeights, BodyError, CoupledLaw, Curve, Extension, Potential, PotentialErrors, StateErrors, Surface,
+    BlendWeights, BodyError, CoupledLaw, Curve, Extension, InterpolationErrors, Potential, PotentialErrors,
+    StateErrors, Surface,
 };
 use rayon::prelude::*;
 
 /// How sticking paths become a coupled law.
 #[derive(Debug, Clone, PartialEq)]
-pub struct CoupledOptions {
+pub struct CoupledOptions<'a> {
     /// Friction coefficient over depth (m), linear between the rows and constant beyond them.
     pub friction: Vec<(f64, f64)>,
     /// Up to which lateral deflection the law holds, m; that of the longest drag if none.
     pub range_m: Option<f64>,
+    /// A positive number for each node that forces go with, N/m: the stiffness of the body at rest; empty if not known.
+    pub stiffness: &'a [f64],
+    /// For each node the compliance of the body at rest under a patch as wide as the tool, in the body's axes, m/N; empty if not
+    /// known.
+    pub compliance: &'a [DMat3],
+    /// So many of the records were there before the others were added in rounds, as [`further_points`] chooses them.
+    pub first: Option<usize>,
 }
 
-impl Default for CoupledOptions {
+impl Default for CoupledOptions<'_> {
     fn default() -> Self {
-        CoupledOptions { friction: vec![(0.0, 0.0)], range_m: None }
+        CoupledOptions {
+            friction: vec![(0.0, 0.0)],
+            range_m: None,
+            stiffness: &[],
+            compliance: &[],
+            first: None,
+        }
     }
 }
 
 /// A coupled law from sticking paths.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CoupledFit {
-    /// One potential for each test point.
+    /// One potential for each test point: those of the records that were used, then those made for other nodes.
     pub law: CoupledLaw,
     /// The node that each of them sits on.
     pub test_point_nodes: Vec<u32>,
@@ -44,6 +60,8 @@ pub struct CoupledFit {
     pub blends: Vec<BlendWeights>,
     /// One for each record that was used.
     pub errors: Vec<PotentialErrors>,
+    /// What is lost between them; none where too few places were simulated to say.
+    pub interpolation: Option<InterpolationErrors>,
     /// What was found on the way.
     pub report: FitReport,
 }
@@ -57,10 +75,10 @@ const FLOOR: f64 = 0.05;
 const CARRIED: [f64; 4] = [1.0, 0.5, 0.25, 0.0];
 
 /// A record in its own frame.
-struct Local<'a> {
-    record: &'a PointRecord,
+pub(crate) struct Local<'a> {
+    pub record: &'a PointRecord,
     /// t₁ and t₂.
-    tangents: [DVec3; 2],
+    pub tangents: [DVec3; 2],
     samples: Vec<ContactSample>,
     stiffness: Vec<ContactStiffness>,
 }
@@ -92,7 +110,8 @@ impl<'a> Local<'a> {
             // What is not symmetric has no potential: the mean of both.
             let entry = |a: DVec3, b: DVec3| 0.5 * (a.dot(*k * b) + b.dot(*k * a));
             let stiffness_n_per_m = axes.map(|a| axes.map(|b| entry(a, b)));
-            Some(ContactStiffness { depth_m: *depth_m, force_n: length(at.force_n), stiffness_n_per_m })
+            let force_n = length(at.force_n);
+            Some(ContactStiffness { depth_m: *depth_m, force_n, stiffness_n_per_m, weight: 1.0 })
         });
         let stiffness = stiffness.collect();
         Local { record, tangents: [t1, t2], samples, stiffness }
@@ -101,6 +120,22 @@ impl<'a> Local<'a> {
     /// Whether it was dragged.
     fn dragged(&self) -> bool {
         self.samples.len() > self.record.press.len()
+    }
+
+    /// Root mean square over the states with |f_t| ≤ f_z of a potential's error, in % of the largest force.
+    pub fn off_percent(&self, potential: &Potential, range_m: f64) -> f64 {
+        let (mut squares, mut count, mut largest) = (0.0, 0.0f64, 0.0f64);
+        for s in &self.samples {
+            largest = largest.max(length(s.force_n));
+            let [z, x, y] = s.force_n;
+            if x.hypot(y) <= z {
+                let law = potential.at(s.depth_m, s.lateral_m, range_m);
+                let off = length([law.normal - z, law.lateral[0] - x, law.lateral[1] - y]);
+                squares += off * off;
+                count += 1.0;
+            }
+        }
+        if count > 0.0 { 100.0 * (squares / count).sqrt() / largest } else { 0.0 }
     }
 
     fn errors(&self, potential: &Potential, range_m: f64, reciprocity: f64) -> PotentialErrors {
@@ -168,7 +203,8 @@ fn reciprocity_pressed(record: &PointRecord) -> f64 {
 /// Makes a potential for each record and spreads them over the surface.
 ///
 /// All potentials are on the same knots: 0, the depths of the presses, and an end beyond them. A press that ended early goes
-/// on as smoothly as it can.
+/// on as smoothly as it can. Between the records' places potentials are interpolated in the way that predicts places best that
+/// are left out one at a time.
 ///
 /// # Errors
 /// Records that [`crate::fit_paths`] would refuse, none with pressed states that say how stiff the place is laterally, or none
@@ -176,8 +212,78 @@ fn reciprocity_pressed(record: &PointRecord) -> f64 {
 pub fn fit_coupled(
     surface: &Surface,
     records: &[PointRecord],
-    options: &CoupledOptions,
+    options: &CoupledOptions<'_>,
 ) -> Result<CoupledFit, FitError> {
+    let Places { locals, potentials, reciprocity, range_m, mut notes } = places(surface, records, options)?;
+    let errors = locals.iter().zip(&potentials).zip(&reciprocity);
+    let errors = errors.map(|((local, potential), r)| local.errors(potential, range_m, *r)).collect();
+    let prior = Prior { surface, stiffness: options.stiffness, compliance: options.compliance };
+    let simulated = Simulated::new(prior, &locals, &potentials, range_m);
+    let (normalisation, interpolation) = simulated.judged(options.first)?;
+    let Spread { potentials, test_point_nodes, blends } = simulated.spread(normalisation, &mut notes)?;
+    let points = locals.iter().map(|local| PointReport {
+        point: local.record.node.to_string(),
+        node: local.record.node,
+        distance_m: 0.0,
+        normal_samples: local.record.press.len(),
+        lateral_samples: local.samples.len() - local.record.press.len(),
+        friction_samples: 0,
+    });
+    let report = FitReport { points: points.collect(), notes, largest_distance_m: 0.0 };
+    let law = CoupledLaw { range_m, potentials };
+    Ok(CoupledFit { law, test_point_nodes, blends, errors, interpolation, report })
+}
+
+/// Where further test points belong: nodes to add to those of `records`, a quarter of them at a time; none once nineteen in twenty
+/// of them, each left out in turn, are predicted by the others within `tolerance_percent` of their largest force, or there are
+/// `most` of them.
+///
+/// They lie halfway between the places that err most and their neighbours.
+///
+/// # Errors
+/// As [`fit_coupled`].
+pub fn further_points(
+    surface: &Surface,
+    touchable: &[bool],
+    records: &[PointRecord],
+    options: &CoupledOptions<'_>,
+    tolerance_percent: f64,
+    most: usize,
+) -> Result<Vec<u32>, FitError> {
+    let room = round(records.len()).min(most.saturating_sub(records.len()));
+    if room == 0 {
+        return Ok(Vec::new());
+    }
+    if touchable.len() != surface.positions().len() {
+        let problem = format!("{} entries for {} nodes", touchable.len(), surface.positions().len());
+        return Err(FitError::invalid("what can be touched", problem, "give one for each node"));
+    }
+    let Places { locals, potentials, range_m, .. } = places(surface, records, options)?;
+    let prior = Prior { surface, stiffness: options.stiffness, compliance: options.compliance };
+    Simulated::new(prior, &locals, &potentials, range_m).further(touchable, tolerance_percent, room)
+}
+
+/// The records that have a potential.
+struct Places<'a> {
+    locals: Vec<Local<'a>>,
+    potentials: Vec<Potential>,
+    /// Of the drags.
+    reciprocity: Vec<f64>,
+    range_m: f64,
+    notes: Vec<String>,
+}
+
+fn places<'a>(
+    surface: &Surface,
+    records: &'a [PointRecord],
+    options: &CoupledOptions<'_>,
+) -> Result<Places<'a>, FitError> {
+    let nodes = surface.positions().len();
+    check_prior(Some(options.stiffness).filter(|s| !s.is_empty()), nodes)?;
+    if !(options.compliance.is_empty() || options.compliance.len() == nodes) {
+        let problem = format!("{} tensors for {nodes} nodes", options.compliance.len());
+        return Err(FitError::invalid("compliance at rest", problem, "give one for each"));
+    }
     for (r, record) in records.iter().enumerate() {
         check(r, record, surface)?;
     }
@@ -238,26 +344,7 @@ pub fn fit_coupled(
     let (mut potentials, reciprocity): (Vec<Potential>, Vec<f64>) = fits.into_iter().unzip();
     carry(surface, &locals, &mut potentials, range_m, &mut notes)?;
 
-    let nodes: Vec<u32> = locals.iter().map(|l| l.record.node).collect();
-    let errors = locals.iter().zip(&potentials).zip(&reciprocity);
-    let errors = errors.map(|((local, potential), r)| local.errors(potential, range_m, *r)).collect();
-    let (blends, alone) = spread_everywhere(surface, &nodes)?;
-    if alone > 0 {
-        notes.push(format!(
-            "{alone} nodes are on parts of the surface without a test point: theirs is the nearest one's potential"
-        ));
-    }
-    let points = locals.iter().map(|local| PointReport {
-        point: local.record.node.to_string(),
-        node: local.record.node,
-        distance_m: 0.0,
-        normal_samples: local.record.press.len(),
-        lateral_samples: local.samples.len() - local.record.press.len(),
-        friction_samples: 0,
-    });
-    let report = FitReport { points: points.collect(), notes, largest_distance_m: 0.0 };
-    let law = CoupledLaw { range_m, potentials };
-    Ok(CoupledFit { law, test_point_nodes: nodes, blends, errors, report })
+    Ok(Places { locals, potentials, reciprocity, range_m, notes })
 }
 
 fn tells_stiffness(record: &PointRecord) -> bool {
@@ -327,7 +414,7 @@ fn carry(
 }
 
 /// A potential of a place with the inward normal `from`, turned with the smallest rotation to one with `to`, in tangents there.
-fn carried_to(
+pub(crate) fn carried_to(
     potential: &Potential,
     from: DVec3,
     to: DVec3,
@@ -338,7 +425,7 @@ fn carried_to(
 }
 
 /// `own` with the blend of `parts`' terms of third and fourth order, in parts of the lateral stiffness; and how much of them.
-fn with_higher_terms(
+pub(crate) fn with_higher_terms(
     own: &Potential,
     parts: &[(f64, Potential)],
     inward: DVec3,

@@ -26,6 +26,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod between;
 mod coupled;
 mod error;
 mod fit;
@@ -36,7 +37,7 @@ mod samples;
 mod spread;
 mod test_points;
 
-pub use coupled::{CoupledFit, CoupledOptions, fit_coupled};
+pub use coupled::{CoupledFit, CoupledOptions, fit_coupled, further_points};
 pub use error::FitError;
 pub use fit::{Fit, FitOptions, FitReport, PointReport, fit};
 pub use paths::{DragRecord, PathFit, PathOptions, PointFit, PointRecord, fit_paths, fit_point};

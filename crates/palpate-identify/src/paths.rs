@@ -203,15 +203,7 @@ fn apply_prior(
         );
         return;
     }
-    // The line through (ln g, ln f); where g does not vary it tells nothing.
-    let logs: Vec<(f64, f64)> =
-        own.iter().zip(&forces).map(|(g, f)| (libm::log(*g), libm::log(*f))).collect();
-    let n = logs.len() as f64;
-    let (gm, fm) = logs.iter().fold((0.0, 0.0), |(a, b), l| (a + l.0 / n, b + l.1 / n));
-    let (gg, gf) = logs
-        .iter()
-        .fold((0.0, 0.0), |(gg, gf), l| (gg + (l.0 - gm) * (l.0 - gm), gf + (l.0 - gm) * (l.1 - fm)));
-    let power = if gg > 1e-6 * n { (gf / gg).clamp(0.0, 2.0) } else { 0.0 };
+    let power = prior_power(&own, &forces);
     for (blend, &g) in blends.iter_mut().zip(compliance_prior) {
         let values = blend.test_points.map(|t| forces[t as usize]);
         let quotient: f64 = (0..3)
@@ -220,6 +212,18 @@ fn apply_prior(
         follow(blend, values, quotient * libm::pow(g, power));
     }
     notes.push(format!("blends follow the compliance prior: the normal force goes as its power {power:.2}"));
+}
+
+/// The power of a prior g that positive forces f go with: the slope of the line through (ln g, ln f); where g does not vary it
+/// tells nothing.
+pub(crate) fn prior_power(own: &[f64], forces: &[f64]) -> f64 {
+    let logs: Vec<(f64, f64)> = own.iter().zip(forces).map(|(g, f)| (libm::log(*g), libm::log(*f))).collect();
+    let n = logs.len() as f64;
+    let (gm, fm) = logs.iter().fold((0.0, 0.0), |(a, b), l| (a + l.0 / n, b + l.1 / n));
+    let (gg, gf) = logs
+        .iter()
+        .fold((0.0, 0.0), |(gg, gf), l| (gg + (l.0 - gm) * (l.0 - gm), gf + (l.0 - gm) * (l.1 - fm)));
+    if gg > 1e-6 * n { (gf / gg).clamp(0.0, 2.0) } else { 0.0 }
 }
 
 pub(crate) fn check(r: usize, record: &PointRecord, surface: &Surface) -> Result<(), FitError> {

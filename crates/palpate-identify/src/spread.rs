@@ -124,6 +124,16 @@ pub(crate) fn place(
     Ok(blends)
 }
 
+/// The test points whose cells meet that of each.
+pub(crate) fn neighbours(surface: &Surface, test_point_nodes: &[u32]) -> Result<Vec<Vec<u32>>, FitError> {
+    let positions = vertex_positions(surface);
+    let sources = sources(surface.vertices(), test_point_nodes)?;
+    let length = |a: u32, b: u32| positions[a as usize].distance(positions[b as usize]);
+    let labels = Geodesic::new(surface, &length).cells(&sources);
+    let dual = Dual::new(surface, &labels, sources.iter().map(|&v| positions[v as usize]).collect());
+    Ok((0..sources.len() as u32).map(|t| dual.neighbours.of(t).to_vec()).collect())
+}
+
 /// The vertex of each test point.
 fn sources(vertices: &[u32], test_point_nodes: &[u32]) -> Result<Vec<u32>, FitError> {
     if test_point_nodes.is_empty() {

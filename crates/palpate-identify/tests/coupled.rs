@@ -89,8 +89,8 @@ fn ball() -> Surface {
     Shape::Sphere { radius_mm: 30.0 }.surface(resolution).unwrap()
 }
 
-fn options() -> CoupledOptions {
-    CoupledOptions { friction: vec![(0.0, 0.3)], range_m: Some(RANGE) }
+fn options() -> CoupledOptions<'static> {
+    CoupledOptions { friction: vec![(0.0, 0.3)], range_m: Some(RANGE), ..CoupledOptions::default() }
 }
 
 /// Every `step`-th node pressed at, every `dragged`-th of these dragged.
@@ -231,7 +231,7 @@ fn the_livers_drags_are_predicted_from_places_around() {
         .collect();
     let mut few = whole.clone();
     few.iter_mut().enumerate().filter(|(i, _)| i % 3 > 0).for_each(|(_, r)| r.drags.clear());
-    let options = CoupledOptions { friction: vec![(0.0, 0.3)], range_m: None };
+    let options = CoupledOptions { friction: vec![(0.0, 0.3)], ..CoupledOptions::default() };
     let all = fit_coupled(&surface, &whole, &options).unwrap();
     let some = fit_coupled(&surface, &few, &options).unwrap();
     // The errors of `some` on what was not given to it.

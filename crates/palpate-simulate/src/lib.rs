@@ -8,6 +8,7 @@
 
 #![warn(missing_docs)]
 
+mod compliance_at;
 mod contact;
 mod displace;
 mod element;
@@ -22,7 +23,6 @@ mod model;
 pub mod path;
 mod simulate;
 mod stiffness;
-mod stiffness_at;
 pub mod tool;
 
 pub use displace::Deformed;

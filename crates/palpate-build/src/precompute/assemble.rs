@@ -1,13 +1,14 @@
 //! The body that a record makes, from nothing but the record.
 
 use super::stops;
-use crate::paths_file::PathsRecord;
-use crate::spec::{Friction, Geometry, Law, Spec};
+use crate::paths_file::{PathsRecord, Point, TestPoint};
+use crate::spec::{Friction, Geometry, Law, Simulation, Spec, TestPoints};
 use anyhow::{Result, anyhow, bail};
 use glam::{DMat3, DVec3};
 use palpate_body::shape::Shape;
 use palpate_body::{
-    BlendWeights, Body, BodyParts, CoupledLaw, Provenance, Response, Surface, Tensor, TriangleMesh,
+    BlendWeights, Body, BodyParts, CoupledLaw, InterpolationErrors, PotentialErrors, Provenance, Response,
+    Surface, Tensor, TriangleMesh,
 };
 use palpate_identify::{
     CoupledOptions, DragRecord, FitReport, PathOptions, PointRecord, fit_coupled, fit_paths,
@@ -64,13 +65,9 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
     let Some(scene) = &record.scene else { bail!("the record has no surface; give that of a whole run") };
     let surface = surface(&spec, &scene.surface).map_err(in_spec)?;
 
-    let mut told = Vec::new();
-    let mut records = Vec::with_capacity(record.points.len());
-    for (index, point) in &record.points {
-        let (test_point, paths) = (point.test_point(), point.paths());
-        told.extend(stops(*index, &test_point, &paths));
-        records.push(point_record(test_point.node, test_point.plan.inward, &paths, &test_point.plan));
-    }
+    let told = record.points.iter().flat_map(|(i, point)| stops(*i, &point.test_point(), &point.paths()));
+    let told: Vec<String> = told.collect();
+    let records = records(&record.points);
     if records.iter().all(|r| r.press.is_empty()) {
         let first = told.first().map_or("", String::as_str);
         bail!(
@@ -78,14 +75,9 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
         );
     }
     let mut notes = scene.notes.clone();
-    let friction = match &simulation.friction {
-        Some(Friction::Constant(mu)) => vec![(0.0, *mu)],
-        Some(Friction::Table(rows)) => rows.clone(),
-        None => {
-            notes.push(format!("[friction] is not given: its coefficient is {FRICTION}"));
-            vec![(0.0, FRICTION)]
-        }
-    };
+    if simulation.friction.is_none() {
+        notes.push(format!("[friction] is not given: its coefficient is {FRICTION}"));
+    }
     let in_fit = |e: palpate_identify::FitError| anyhow!("{}: {e}", name.display());
     notes.extend(told.iter().take(TOLD).cloned());
     if told.len() > TOLD {
@@ -94,9 +86,10 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
     let mut provenance = provenance(record, notes);
     let (fitted, report) = match simulation.law {
         Law::Coupled => {
-            let options = CoupledOptions { friction, range_m: Some(simulation.deflection.lateral_max_m) };
+            let options = coupled_options(&simulation, &scene.guide_n_per_m, &scene.compliance_m_per_n);
             let fitted = fit_coupled(&surface, &records, &options).map_err(in_fit)?;
             provenance.potential_errors = fitted.errors;
+            provenance.interpolation = fitted.interpolation;
             let law = Fitted {
                 blends: fitted.blends,
                 responses: Vec::new(),
@@ -108,7 +101,8 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
         }
         Law::Decoupled => {
             let compliance_prior = Some(scene.guide_n_per_m.clone());
-            let options = PathOptions { friction, compliance_prior, ..PathOptions::default() };
+            let options =
+                PathOptions { friction: friction(&simulation), compliance_prior, ..PathOptions::default() };
             let fitted = fit_paths(&surface, &records, &options).map_err(in_fit)?;
             provenance.point_errors = fitted.errors;
             let law = Fitted {
@@ -164,8 +158,51 @@ fn provenance(record: &PathsRecord, notes: Vec<String>) -> Provenance {
     }
 }
 
+/// Friction over depth.
+fn friction(simulation: &Simulation) -> Vec<(f64, f64)> {
+    match &simulation.friction {
+        Some(Friction::Constant(mu)) => vec![(0.0, *mu)],
+        Some(Friction::Table(rows)) => rows.clone(),
+        None => vec![(0.0, FRICTION)],
+    }
+}
+
+/// How the sticking paths of this spec become a coupled law.
+pub fn coupled_options<'a>(
+    simulation: &Simulation,
+    stiffness: &'a [f64],
+    compliance: &'a [DMat3],
+) -> CoupledOptions<'a> {
+    CoupledOptions {
+        friction: friction(simulation),
+        range_m: Some(simulation.deflection.lateral_max_m),
+        stiffness,
+        compliance,
+        first: match simulation.test_points {
+            TestPoints::Adaptive { most, .. } => Some(first_round(most)),
+            _ => None,
+        },
+    }
+}
+
+/// Test points to begin with, where there may be so many.
+pub fn first_round(most: u32) -> usize {
+    /// Fewer say nothing of what lies between them.
+    const LEAST: u32 = 6;
+    (most / 3).max(LEAST).min(most) as usize
+}
+
+/// What was simulated, by index.
+pub fn records(points: &BTreeMap<u32, Point>) -> Vec<PointRecord> {
+    let record = |point: &Point| {
+        let TestPoint { node, plan } = point.test_point();
+        point_record(node, &point.paths(), &plan)
+    };
+    points.values().map(record).collect()
+}
+
 /// A point's paths, as fits take them.
-pub fn point_record(node: u32, inward: DVec3, paths: &PointPaths, plan: &PointPlan) -> PointRecord {
+pub fn point_record(node: u32, paths: &PointPaths, plan: &PointPlan) -> PointRecord {
     let drags = plan.drags.iter().zip(&paths.drags).filter_map(|(drag, path)| {
         // Where the press did not come so deep there was no drag.
         let depth_m = paths.press.states.get(drag.from)?.depth_m;
@@ -181,7 +218,7 @@ pub fn point_record(node: u32, inward: DVec3, paths: &PointPaths, plan: &PointPl
     });
     PointRecord {
         node,
-        inward,
+        inward: plan.inward,
         press: paths.press.states.iter().map(|s| (s.depth_m, s.force_n)).collect(),
         stiffness: stiffness.collect(),
         drags: drags.collect(),
@@ -201,6 +238,11 @@ pub struct Report {
     stopped: Vec<String>,
     notes: Vec<String>,
     fit: FitReport,
+    /// Of a coupled law.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    potential_errors: Vec<PotentialErrors>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    interpolation: Option<InterpolationErrors>,
 }
 
 impl Report {
@@ -218,13 +260,15 @@ impl Report {
         Report {
             nodes: body.nodes().len(),
             triangles: body.elements().len(),
-            test_points: body.test_point_nodes().len(),
+            test_points: report.points.len(),
             paths,
             states,
             newton_steps,
             stopped: stops,
             notes: body.provenance().notes.clone(),
             fit: report,
+            potential_errors: body.provenance().potential_errors.clone(),
+            interpolation: body.provenance().interpolation.clone(),
         }
     }
 }

@@ -1,18 +1,18 @@
 //! From a spec to what a run needs: surface, volume mesh, supports, materials, test points. Cheap checks come first.
 
 use super::elements::Elements;
-use super::run::Prepared;
+use super::run::{Prepared, Rounds};
 use super::{assemble, volume};
-use crate::paths_file::{PathsPlan, Scene, TestPoint};
+use crate::paths_file::{PathsPlan, Point, Scene, TestPoint};
 use crate::spec::{
     Fixed, Geometry, Material, MaterialLaw, Place, Selection, Simulation, Spec, TestPoints, ToolShape, Volume,
 };
 use anyhow::{Result, anyhow, bail};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use palpate_body::Surface;
 use palpate_files as files;
 use palpate_files::Table;
-use palpate_identify::{Amount, spread_among, test_points, touchable};
+use palpate_identify::{Amount, further_points, spread_among, test_points, touchable};
 use palpate_simulate::material::{self, Bulk};
 use palpate_simulate::mesh::check::check;
 use palpate_simulate::path::tangents;
@@ -158,7 +158,8 @@ pub fn prepare(
     };
     go_on("the stiffness's factorisation")?;
     let radius_m = super::volume::tool_radius(simulation)?;
-    let compliance_prior = compliance_prior(solver.model(), &surface, named, radius_m, cancelled);
+    let compliance = rest_compliance(solver.model(), &surface, named, radius_m, cancelled);
+    let compliance_prior = compliance_prior(&surface, &compliance);
     go_on("the search for the stiffness at rest")?;
     let open = touchable(&surface, &held, margin(simulation)?)?;
     let nodes = choose(simulation, &surface, &held, &open, &compliance_prior, path, &mut notes)?;
@@ -173,15 +174,47 @@ pub fn prepare(
         ),
     });
     let points = points.collect();
+    let rounds = match simulation.test_points {
+        TestPoints::Adaptive { tolerance_percent, most } => {
+            let most = (most as usize).min(one_for_each_vertex(&surface, &open).len());
+            let (guide, compliance) = (compliance_prior.clone(), compliance.clone());
+            Some(rounds(simulation.clone(), surface, open, guide, compliance, tolerance_percent, most))
+        }
+        _ => None,
+    };
     let index: HashMap<u32, u32> = boundary.nodes.iter().zip(0..).map(|(n, i)| (*n, i)).collect();
     let scene = Scene {
         surface: triangles,
         guide_n_per_m: compliance_prior,
+        compliance_m_per_n: compliance,
         boundary_m: boundary.nodes.iter().map(|n| solver.model().mesh().positions[*n as usize]).collect(),
         faces: boundary.faces.iter().map(|face| face.map(|n| index[&n])).collect(),
         notes,
     };
-    Ok(Prepared { scene, points, solver })
+    Ok(Prepared { scene, points, solver, rounds })
+}
+
+/// Test points added where those so far predict each other worst; only pressed at.
+fn rounds(
+    simulation: Simulation,
+    surface: Surface,
+    touchable: Vec<bool>,
+    guide: Vec<f64>,
+    compliance: Vec<DMat3>,
+    tolerance_percent: f64,
+    most: usize,
+) -> Rounds {
+    let next = move |points: &BTreeMap<u32, Point>| {
+        let options = assemble::coupled_options(&simulation, &guide, &compliance);
+        let records = assemble::records(points);
+        let nodes = further_points(&surface, &touchable, &records, &options, tolerance_percent, most)?;
+        let point = |node: u32| {
+            let (at, inward) = (surface.positions()[node as usize], surface.inward_normals()[node as usize]);
+            TestPoint { node, plan: point_plan(&simulation, at, inward, false) }
+        };
+        Ok(nodes.into_iter().map(point).collect())
+    };
+    Rounds { most, next: Box::new(next) }
 }
 
 /// So few test points, named by the spec, need no compliance prior between them.
@@ -190,36 +223,50 @@ const UNGUIDED: usize = 3;
 /// Places at which the stiffness at rest is found; between them it is interpolated.
 const GUIDED: usize = 600;
 
-/// The body's stiffness at rest under a patch as wide as the tool, N/m, at each of the surface's nodes: what its
-/// responses go with from place to place, and known everywhere for one substitution each.
+/// The body's compliance at rest under a patch as wide as the tool, m/N in its axes, at each of the surface's nodes: what its
+/// responses go with from place to place, and known everywhere for one substitution each. None for few named test points.
 ///
 /// Of no use once `cancelled` is true.
-fn compliance_prior(
+fn rest_compliance(
     model: &Model,
     surface: &Surface,
     points: usize,
     radius_m: f64,
     cancelled: &AtomicBool,
-) -> Vec<f64> {
+) -> Vec<DMat3> {
     let positions = surface.positions();
     if points <= UNGUIDED {
-        return vec![1.0; positions.len()];
+        return Vec::new();
     }
     let (places, of) = sparse(positions, surface.inward_normals());
     let at = |&n: &u32| {
         let n = n as usize;
         if cancelled.load(Relaxed) {
-            return 1.0;
+            return DMat3::IDENTITY;
         }
-        model.stiffness_at(positions[n], surface.inward_normals()[n], radius_m)
+        model.compliance_at(positions[n], surface.inward_normals()[n], radius_m)
     };
-    let mut found: Vec<f64> = places.par_iter().map(at).collect();
+    let found: Vec<DMat3> = places.par_iter().map(at).collect();
+    let mean = |shares: &Vec<(u32, f64)>| {
+        let parts = shares.iter().map(|(place, share)| found[*place as usize] * *share);
+        parts.fold(DMat3::ZERO, |sum, part| sum + part)
+    };
+    of.iter().map(mean).collect()
+}
+
+/// The stiffness at rest along each node's normal, N/m; 1 where no compliance is known.
+fn compliance_prior(surface: &Surface, compliance: &[DMat3]) -> Vec<f64> {
+    if compliance.is_empty() {
+        return vec![1.0; surface.positions().len()];
+    }
+    let along = compliance.iter().zip(surface.inward_normals()).map(|(s, u)| u.dot(*s * *u));
+    let mut found: Vec<f64> = along.map(|s| if s > 0.0 { 1.0 / s } else { f64::INFINITY }).collect();
     // What supports carry alone is no stiffer than a hundred times the usual.
     let mut sorted: Vec<f64> = found.iter().copied().filter(|k| k.is_finite()).collect();
     sorted.sort_unstable_by(f64::total_cmp);
     let most = sorted.get(sorted.len() / 4).map_or(1.0, |k| 100.0 * k);
     found.iter_mut().for_each(|k| *k = k.min(most));
-    of.iter().map(|shares| shares.iter().map(|(place, share)| share * found[*place as usize]).sum()).collect()
+    found
 }
 
 /// At most [`GUIDED`] nodes spread over the surface, and for each node the shares of those around it.
@@ -450,6 +497,17 @@ pub fn margin(simulation: &Simulation) -> Result<f64> {
     Ok(super::volume::tool_radius(simulation)? + simulation.deflection.lateral_max_m)
 }
 
+/// The first node of each vertex that can be touched.
+fn one_for_each_vertex(surface: &Surface, touchable: &[bool]) -> Vec<u32> {
+    let mut free: BTreeMap<u32, u32> = BTreeMap::new();
+    for (n, (&v, _)) in surface.vertices().iter().zip(touchable).enumerate().filter(|(_, (_, open))| **open) {
+        free.entry(v).or_insert(n as u32);
+    }
+    let mut nodes: Vec<u32> = free.into_values().collect();
+    nodes.sort_unstable();
+    nodes
+}
+
 /// The test points' nodes, ascending; or in the spec's order, where it names them.
 fn choose(
     simulation: &Simulation,
@@ -460,14 +518,14 @@ fn choose(
     path: &Path,
     notes: &mut Vec<String>,
 ) -> Result<Vec<u32>> {
-    // One node for each vertex that can be touched.
-    let mut free: BTreeMap<u32, u32> = BTreeMap::new();
-    for (n, (&v, _)) in surface.vertices().iter().zip(touchable).enumerate().filter(|(_, (_, open))| **open) {
-        free.entry(v).or_insert(n as u32);
-    }
+    let free = one_for_each_vertex(surface, touchable);
     let amount = match &simulation.test_points {
-        TestPoints::Count(count) | TestPoints::Adaptive { most: count, .. } => {
-            let count = *count as usize;
+        TestPoints::Count(_) | TestPoints::Adaptive { .. } => {
+            let count = match simulation.test_points {
+                TestPoints::Adaptive { most, .. } => assemble::first_round(most),
+                TestPoints::Count(count) => count as usize,
+                _ => 0,
+            };
             if free.len() < count && !free.is_empty() {
                 notes.push(format!("the surface has {} vertices to touch: each is a test point", free.len()));
             }
@@ -478,9 +536,7 @@ fn choose(
         TestPoints::At(points) => return named_points(points, surface, held, path, notes),
     };
     if amount == Amount::Count(free.len()) {
-        let mut nodes: Vec<u32> = free.into_values().collect();
-        nodes.sort_unstable();
-        return Ok(nodes);
+        return Ok(free);
     }
     test_points(surface, touchable, amount, Some(compliance_prior))
         .map_err(|e| anyhow!("{}: [test_points]: {e}", path.display()))

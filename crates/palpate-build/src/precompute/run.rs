@@ -25,10 +25,20 @@ pub trait PointSolver: Sync {
 pub struct Prepared<S> {
     /// What the points share.
     pub scene: Scene,
-    /// All test points of the plan.
+    /// All test points of the plan, or those to begin with.
     pub points: Vec<TestPoint>,
     /// What finds their paths.
     pub solver: S,
+    /// Where test points are added in rounds.
+    pub rounds: Option<Rounds>,
+}
+
+/// How test points are added to those that are done.
+pub struct Rounds {
+    /// So many in all, at most.
+    pub most: usize,
+    /// The next ones, from the paths of all so far and from nothing else; none when they are enough.
+    pub next: Box<dyn Fn(&BTreeMap<u32, Point>) -> Result<Vec<TestPoint>> + Sync>,
 }
 
 /// A share of the test points: those whose index is `number` − 1, modulo `of`.
@@ -100,31 +110,75 @@ pub fn run<S: PointSolver>(
     cancelled: &AtomicBool,
 ) -> Result<(PathsRecord, Workspace), Stopped> {
     let workspace = Workspace::open(plan, options)?;
-    let prepared = prepare()?;
+    let mut prepared = prepare()?;
+    if prepared.rounds.is_some() && options.shard.is_some() {
+        return Err(anyhow!(
+            "where each test point belongs follows from those before it (tolerance_percent): they can't be divided into shards; \
+             run without --shard, or give count alone"
+        )
+        .into());
+    }
+    let mut points = BTreeMap::new();
+    loop {
+        let some = round(plan, options, &workspace, &prepared, points, progress, cancelled)?;
+        let of = mine(&prepared, options).len();
+        if some.len() < of {
+            return Err(Stopped::Cancelled { done: some.len(), of });
+        }
+        points = some;
+        let next = prepared.rounds.as_ref().map_or(Ok(Vec::new()), |rounds| (rounds.next)(&points))?;
+        if next.is_empty() {
+            break;
+        }
+        prepared.points.extend(next);
+    }
     let total = prepared.points.len() as u32;
-    let mine: Vec<u32> = match options.shard {
-        Some(Shard { number, of }) => (0..total).filter(|i| i % of == number - 1).collect(),
-        None => (0..total).collect(),
-    };
-    if mine.is_empty() {
-        return Err(anyhow!("this shard has none of {total} test points; make fewer shards").into());
-    }
-    let mut points = workspace.finished(plan, &prepared.points, options, progress)?;
-    points.retain(|i, _| mine.binary_search(i).is_ok());
-    let todo: Vec<u32> = mine.iter().copied().filter(|i| !points.contains_key(i)).collect();
-    if !points.is_empty() {
-        progress.note(&format!("{} of {} points are there already", points.len(), mine.len()));
-    }
-    let crew =
-        Crew { plan, workspace: &workspace, prepared: &prepared, jobs: options.jobs, progress, cancelled };
-    let before = points.len();
-    points.extend(crew.simulate(&todo, before)?);
-    if points.len() < mine.len() {
-        return Err(Stopped::Cancelled { done: points.len(), of: mine.len() });
-    }
     let record = PathsRecord { plan: plan.clone(), total, scene: Some(prepared.scene), points };
     record.save(&options.record)?;
     Ok((record, workspace))
+}
+
+/// The points that this run is to find, as far as they are known.
+fn mine<S>(prepared: &Prepared<S>, options: &Options) -> Vec<u32> {
+    let total = prepared.points.len() as u32;
+    match options.shard {
+        Some(Shard { number, of }) => (0..total).filter(|i| i % of == number - 1).collect(),
+        None => (0..total).collect(),
+    }
+}
+
+/// All of the points that are known, as far as it gets; `points` are there already.
+fn round<S: PointSolver>(
+    plan: &PathsPlan,
+    options: &Options,
+    workspace: &Workspace,
+    prepared: &Prepared<S>,
+    mut points: BTreeMap<u32, Point>,
+    progress: &dyn Progress,
+    cancelled: &AtomicBool,
+) -> Result<BTreeMap<u32, Point>, Stopped> {
+    let (total, mine) = (prepared.total(), mine(prepared, options));
+    if mine.is_empty() {
+        return Err(anyhow!("this shard has none of {total} test points; make fewer shards").into());
+    }
+    let before = points.len();
+    let finished = workspace.finished(plan, &prepared.points, total, options, progress)?;
+    points.extend(finished.into_iter().filter(|(i, _)| mine.binary_search(i).is_ok()));
+    let todo: Vec<u32> = mine.iter().copied().filter(|i| !points.contains_key(i)).collect();
+    if points.len() > before {
+        progress.note(&format!("{} of {} points are there already", points.len(), mine.len()));
+    }
+    let crew = Crew { plan, workspace, prepared, jobs: options.jobs, progress, cancelled };
+    let before = points.len();
+    points.extend(crew.simulate(&todo, before)?);
+    Ok(points)
+}
+
+impl<S> Prepared<S> {
+    /// How many points there may be, which every record of a point says.
+    fn total(&self) -> u32 {
+        self.rounds.as_ref().map_or(self.points.len(), |rounds| rounds.most) as u32
+    }
 }
 
 /// Who does it.
@@ -174,11 +228,11 @@ impl<S: PointSolver> Crew<'_, S> {
 
     /// One point, from its plan to its file; `None` if cancelled.
     fn point(&self, index: u32) -> Option<Result<Point>> {
-        let Prepared { scene, points, solver } = self.prepared;
+        let Prepared { scene, points, solver, .. } = self.prepared;
         let point = points.get(index as usize)?;
         let paths = solver.simulate(point, self.cancelled)?;
         let record = Point::new(index, point, &paths, scene.boundary_m.len());
-        let kept = self.workspace.keep(self.plan, points.len() as u32, record);
+        let kept = self.workspace.keep(self.plan, self.prepared.total(), record);
         if kept.is_ok() {
             stops(index, point, &paths).iter().for_each(|told| self.progress.note(told));
             self.progress.done(1 + paths.drags.len());

@@ -108,7 +108,7 @@ impl Workspace {
         record.points.remove(&index).ok_or_else(|| anyhow!("{}: it can't be read back", path.display()))
     }
 
-    /// The points that need not be simulated again. Damaged ones are reported, and left out.
+    /// Those of the points, of which there may be `total`, that need not be simulated again. Damaged ones are reported, and left out.
     ///
     /// # Errors
     /// The folder can't be read.
@@ -116,6 +116,7 @@ impl Workspace {
         &self,
         plan: &PathsPlan,
         points: &[TestPoint],
+        total: u32,
         options: &Options,
         progress: &dyn Progress,
     ) -> Result<BTreeMap<u32, Point>> {
@@ -136,10 +137,11 @@ impl Workspace {
             None
         });
         for record in whole.into_iter().chain(records) {
-            let total = record.total as usize;
+            // A whole record has as many as there were in the end.
+            let fits = record.total == total || record.scene.is_some();
             for (index, point) in record.points {
                 let expected = points.get(index as usize);
-                if total == points.len() && expected.is_some_and(|p| *p == point.test_point()) {
+                if fits && expected.is_some_and(|p| *p == point.test_point()) {
                     finished.insert(index, point);
                 }
             }

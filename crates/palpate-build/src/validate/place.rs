@@ -75,12 +75,13 @@ impl<'a> Ground<'a> {
         if elements.is_empty() {
             bail!("no part of the surface can be touched; leave a part of it free of supports");
         }
-        let chosen = at_test_points.then(|| corners_at(body, body.test_point_nodes(), touchable));
+        let nodes = simulated(body);
+        let chosen = at_test_points.then(|| corners_at(body, &nodes, touchable));
         if chosen.as_ref().is_some_and(Vec::is_empty) {
             bail!("no test point can be touched; leave out --at-test-points");
         }
         let test_points: Vec<DVec3> =
-            body.test_point_nodes().iter().map(|&n| body.nodes()[n as usize].position).collect();
+            nodes.iter().filter_map(|&n| Some(body.nodes().get(n as usize)?.position)).collect();
         let apart = 0.15 * (area / test_points.len() as f64).sqrt();
         Ok(Ground { body, elements, area, apart, test_points, chosen })
     }
@@ -116,6 +117,14 @@ impl<'a> Ground<'a> {
     }
 }
 
+/// The nodes of test points that were simulated: other nodes may have potentials that were made from theirs.
+fn simulated(body: &Body) -> Vec<u32> {
+    match body.provenance().potential_errors.as_slice() {
+        [] => body.test_point_nodes().to_vec(),
+        points => points.iter().map(|p| p.node).collect(),
+    }
+}
+
 /// Those of `nodes` that are touchable, as corners of elements.
 fn corners_at(body: &Body, nodes: &[u32], touchable: &[bool]) -> Vec<SurfacePoint> {
     let mut corner = vec![None; body.nodes().len()];
@@ -126,7 +135,8 @@ fn corners_at(body: &Body, nodes: &[u32], touchable: &[bool]) -> Vec<SurfacePoin
             corner[n as usize].get_or_insert(SurfacePoint { element: e as u32, n: at });
         }
     }
-    nodes.iter().filter(|&&n| touchable[n as usize]).filter_map(|&n| corner[n as usize]).collect()
+    let at = |&n: &u32| corner.get(n as usize).copied().flatten().filter(|_| touchable[n as usize]);
+    nodes.iter().filter_map(at).collect()
 }
 
 /// Where a tool's reference point is when it first touches, coming along û through the point, m: there

@@ -126,17 +126,21 @@ pub fn own_potential(
     let parts = body.parts();
     let nearest = (0..3).max_by(|&i, &j| place.at.n[i].total_cmp(&place.at.n[j]))?;
     let node = body.element_node_numbers(place.at.element)[nearest];
-    let record = point_record(node, place.inward, paths, plan);
+    let record = point_record(node, paths, plan);
     let friction = match place::friction(body, place.at) {
         rows if rows.is_empty() => vec![(0.0, 0.0)],
         rows => rows,
     };
-    let options = CoupledOptions { friction, range_m: Some(trial.lateral_max_m) };
+    let range_m = Some(trial.lateral_max_m);
+    let options = CoupledOptions { friction, range_m, ..CoupledOptions::default() };
     let CoupledFit { mut law, test_point_nodes, blends, .. } =
         fit_coupled(&parts.surface, &[record], &options).ok()?;
     // From the tangent plane of the place into that of the node which a body wants it at.
-    let turn = DQuat::from_rotation_arc(place.inward, body.nodes()[node as usize].inward);
-    law.potentials.iter_mut().for_each(|p| p.tangents = p.tangents.map(|t| turn * t));
+    for (p, &node) in law.potentials.iter_mut().zip(&test_point_nodes) {
+        let [t1, t2] = p.tangents;
+        let turn = DQuat::from_rotation_arc(t1.cross(t2), body.nodes()[node as usize].inward);
+        p.tangents = [turn * t1, turn * t2];
+    }
     let coupled = Some(law);
     let (responses, lateral_tensors) = (Vec::new(), None);
     let own = BodyParts { coupled, responses, lateral_tensors, blends, test_point_nodes, ..parts };

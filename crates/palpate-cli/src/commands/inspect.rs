@@ -21,7 +21,7 @@ pub struct Args {
     #[arg(long)]
     json: bool,
     /// Draw the curves of up to 12 test points into this folder: normal.png, lateral.png and friction.png, or stiffness.png of
-    /// a coupled law
+    /// a coupled law, and of a simulated one the error against the number of test points, test-points.png
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
 }
@@ -65,6 +65,12 @@ fn text(i: &Inspection) -> String {
         0.0 => t.shape.clone(),
         radius => format!("{} of radius {:.3} mm", t.shape, radius * 1e3),
     });
+    let test_points = match i.potential_fit.as_ref().map(|fit| fit.places[0]) {
+        Some(places) if places < i.test_points => {
+            format!("{places}, and {} nodes with potentials made from theirs", i.test_points - places)
+        }
+        _ => i.test_points.to_string(),
+    };
     let ranges = &i.ranges;
     let rows = [
         ("nodes", i.nodes.to_string()),
@@ -74,7 +80,7 @@ fn text(i: &Inspection) -> String {
         ("x", side(0)),
         ("y", side(1)),
         ("z", side(2)),
-        ("test points", i.test_points.to_string()),
+        ("test points", test_points),
         ("law", i.law.to_owned()),
         ("depth knots", reach(&i.depth_knots_m)),
         ("lateral knots", reach(&i.lateral_knots_m)),
@@ -141,6 +147,54 @@ fn text(i: &Inspection) -> String {
             }),
         );
         out += &format!("\n{}", console::table(&rows));
+    }
+    if let Some(fit) = &i.potential_fit {
+        let [places, dragged] = fit.places;
+        let mut rows = vec![
+            ["off from the simulated states by (%)", "normal: median", "p95", "lateral: median", "p95"]
+                .map(str::to_owned)
+                .to_vec(),
+        ];
+        let states = [("|f_t| ≤ μ f_z", &fit.held), ("|f_t| ≤ f_z", &fit.within), ("all", &fit.all)];
+        rows.extend(states.map(|(name, e)| {
+            let percent = [e.normal_percent, e.lateral_percent].concat();
+            let percent = percent.into_iter().map(|x| format!("{x:.2}"));
+            std::iter::once(format!("{name}, of {places} places")).chain(percent).collect()
+        }));
+        out += &format!("\n{}", console::table(&rows));
+        let [[a, b], [c, d]] = [fit.reciprocity_pressed_percent, fit.reciprocity_dragged_percent];
+        out += &format!(
+            "\nBetti's residual, median and p95: {a:.1} and {b:.1} % of presses, {c:.1} and {d:.1} % of drags at {dragged} places\n"
+        );
+    }
+    if let Some(e) = &i.provenance.interpolation {
+        let mut rows = vec![
+            ["places left out, one at a time, err by (%)", "median", "p95", "mean", ""]
+                .map(str::to_owned)
+                .to_vec(),
+        ];
+        rows.extend(e.left_out.iter().map(|l| {
+            let percent = [l.median_percent, l.p95_percent, l.mean_percent].map(|x| format!("{x:.2}"));
+            let used = if l.used { "used" } else { "" }.to_owned();
+            std::iter::once(format!("with {} ({} places)", l.normalisation, l.places))
+                .chain(percent)
+                .chain([used])
+                .collect()
+        }));
+        out += &format!("\n{}", console::table(&rows));
+        let mut rows =
+            vec![["test points", "places predicted", "median (%)", "p95 (%)"].map(str::to_owned).to_vec()];
+        rows.extend(e.by_count.iter().map(|c| {
+            vec![
+                c.test_points.to_string(),
+                c.places.to_string(),
+                format!("{:.2}", c.median_percent),
+                format!("{:.2}", c.p95_percent),
+            ]
+        }));
+        if !e.by_count.is_empty() {
+            out += &format!("\n{}", console::table(&rows));
+        }
     }
     out
 }

@@ -122,7 +122,7 @@ pub(super) fn tell(output: &Path, record: &Path, assembled: &assemble::Assembled
         output.display(),
         body.nodes().len(),
         body.elements().len(),
-        body.test_point_nodes().len(),
+        assembled.report.points.len(),
         record.display()
     ));
     if !assembled.stops.is_empty() {
