@@ -1,37 +1,79 @@
-//! Measures the error on held-out paths: random paths that no test point has seen, simulated in full, against the body's answer.
+//! Measures the error on held-out paths: random paths that no test point has seen, simulated in full, against
+//! the body's answer.
 //!
-//! A path presses the tool in along û at a random point of the surface and drags it, sticking, in a random direction.
-//! The simulation's force and the engine's are compared at each state, in N and in % of the largest force of the path,
-//! for the component along û and for the vector at right angles to it. `docs/validate.md` says how to read it.
+//! A path is any motion of the tool, with the same friction on both sides ([`History`]). The simulation's
+//! force and the engine's are compared at each state, along û and at right angles to it, in size and in
+//! direction, in % of the path's largest force and of the state's own. `docs/validate.md` says how to read
+//! it.
 //!
-//! Where the error comes from shows when the body's answer is replaced, step by step, by better ones: see [`Source`].
+//! Where the error comes from shows when the same motion is rendered by a body that lacks one ingredient: see
+//! [`Source`].
 
 use anyhow::{Result, anyhow, bail};
+use errors::{lateral_part, normal_part};
 use glam::DVec3;
-use palpate_body::{Body, BodyParts, Curve, Extension, Interpolation, SurfacePoint};
-use palpate_engine::{Ablation, ToolState, Waypoint, rollout};
-use palpate_identify::{DragRecord, PointFit, PointRecord, fit_point};
-use palpate_simulate::{Drag, Path as LoadPath, PointPaths, PointPlan};
+use palpate_body::Body;
+use palpate_simulate::{FreePlan, Path as LoadPath, PointPaths, PointPlan, State};
+use place::{Ground, Place, coefficient};
 use rayon::prelude::*;
+use render::{Variant, own_potential, variants};
 use serde::Serialize;
-use std::f64::consts::TAU;
 
+mod errors;
+mod free;
+mod place;
+mod press;
+mod render;
 mod report;
 
+pub use errors::{Errors, Percentiles, PhaseErrors, Sliding, Spread, median, percentile};
+pub use render::sticking;
 pub use report::Measure;
+
+/// What is simulated and rendered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum History {
+    /// A free path with Coulomb friction: pressed at an angle, dragged past slip, back, round a circle, let
+    /// go, touched again.
+    #[default]
+    Coulomb,
+    /// Pressed straight in to the greatest depth, without friction on both sides.
+    Frictionless,
+    /// Pressed and dragged while all that touches sticks, from first touch on.
+    Stick,
+    /// Pressed without friction, and dragged sticking: what bodies with curves are made of.
+    FrictionlessPress,
+}
+
+impl History {
+    /// As files and options name it.
+    pub fn name(self) -> &'static str {
+        match self {
+            History::Coulomb => "coulomb",
+            History::Frictionless => "frictionless",
+            History::Stick => "stick",
+            History::FrictionlessPress => "frictionless-press",
+        }
+    }
+}
 
 /// What paths to try.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trial {
+    /// Which.
+    pub history: History,
     /// How many.
     pub paths: usize,
     /// The same seed gives the same paths, whatever their number.
     pub seed: u64,
+    /// Whether they begin at test points, not at points that no test point is near.
+    pub at_test_points: bool,
     /// The greatest depth of a path, m; it is at least a tenth of that deep.
     pub normal_max_m: f64,
-    /// The greatest distance of a drag, m; it is at least a quarter of that long.
+    /// The greatest distance of a drag, and from the point that a free path is about, m.
     pub lateral_max_m: f64,
-    /// States of each press and of each drag.
+    /// States of a press to the greatest depth; no load step of a free path is longer.
     pub steps: u32,
     /// Depths that the test points' drags began at, m.
     pub drag_depths_m: Vec<f64>,
@@ -39,33 +81,145 @@ pub struct Trial {
     pub touchable: Vec<bool>,
 }
 
-/// Where an answer comes from. Each step takes one cause of error away.
+/// What simulates paths. The same result for the same plan, whatever runs beside; none if it was told to
+/// stop.
+pub trait Simulator: Sync {
+    /// Presses and drags: sticking from first touch on, or dragged only.
+    fn press(&self, plan: &PointPlan, sticking: bool) -> Option<PointPaths>;
+
+    /// A free path.
+    fn follow(&self, plan: &FreePlan) -> Option<LoadPath>;
+
+    /// What to press and drag for a place's own potential; none where nobody asks for it.
+    fn own_plan(&self, _point: DVec3, _inward: DVec3) -> Option<PointPlan> {
+        None
+    }
+}
+
+/// Where an answer comes from. All but [`Source::Body`] lack an ingredient of it, or know one more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Source {
-    /// The body with its tensors replaced by the identity: the lateral response is alike in all directions.
-    Isotropic,
     /// The body as it is.
     Body,
-    /// Responses that the path's own press and a drag in its direction from the test points' depths give: no
+    /// With another slip rule.
+    PaperSlip,
+    /// With another slip rule.
+    ConsistentSlip,
+    /// With another slip rule.
+    ExactSlip,
+    /// Slip may give out more energy than was dissipated.
+    WithoutTank,
+    /// Contacts side by side, which slip one after the other as the rings under a ball do (Mindlin).
+    MicroSlip,
+    /// Friction multiplied by what the simulated pressures of the path hold, in parts of μ f_z.
+    PressureFriction,
+    /// A coupled law without the lateral force b of a straight press.
+    WithoutOffset,
+    /// A coupled law without its terms of third and fourth order.
+    WithoutHigherTerms,
+    /// A coupled law without b, third and fourth order, and with one lateral stiffness for all depths:
+    /// equation (4).
+    Decoupled,
+    /// The lateral response is alike in all directions.
+    Isotropic,
+    /// The potential of the path's own point, everywhere: no interpolation, and no other test points.
+    OwnPotential,
+    /// Curves that the path's own press and a drag in its direction from the test points' depths give: no
     /// interpolation between test points, and none between directions.
-    Own,
-    /// The same with the drag from the path's depth: what is left is the form (4) itself, a normal force that knows
-    /// nothing of the drag, and a lateral one that is 0 before it.
-    OwnDepth,
+    OwnCurves,
+    /// The same with the drag from the path's depth: what is left is the form (4) itself.
+    OwnCurvesAtDepth,
 }
 
 impl Source {
-    /// All, from the worst informed to the best.
-    pub const ALL: [Source; 4] = [Source::Isotropic, Source::Body, Source::Own, Source::OwnDepth];
+    /// All, in the order of the table.
+    pub const ALL: [Source; 14] = [
+        Source::Body,
+        Source::PaperSlip,
+        Source::ConsistentSlip,
+        Source::ExactSlip,
+        Source::WithoutTank,
+        Source::MicroSlip,
+        Source::PressureFriction,
+        Source::WithoutOffset,
+        Source::WithoutHigherTerms,
+        Source::Decoupled,
+        Source::Isotropic,
+        Source::OwnPotential,
+        Source::OwnCurves,
+        Source::OwnCurvesAtDepth,
+    ];
 
     /// In words.
     pub fn words(self) -> &'static str {
         match self {
-            Source::Isotropic => "the body, alike in all directions",
             Source::Body => "the body",
-            Source::Own => "the place's own responses, dragged from the test points' depths",
-            Source::OwnDepth => "the place's own responses, dragged from the path's depth",
+            Source::PaperSlip => "slip rule paper",
+            Source::ConsistentSlip => "slip rule consistent",
+            Source::ExactSlip => "slip rule exact",
+            Source::WithoutTank => "without the tank",
+            Source::MicroSlip => "with partial slip (Mindlin)",
+            Source::PressureFriction => "friction as the simulated pressures hold",
+            Source::WithoutOffset => "law without b",
+            Source::WithoutHigherTerms => "law without cubic and quartic terms",
+            Source::Decoupled => "law decoupled, equation (4)",
+            Source::Isotropic => "alike in all directions",
+            Source::OwnPotential => "the place's own potential",
+            Source::OwnCurves => "the place's own curves, dragged from the test points' depths",
+            Source::OwnCurvesAtDepth => "the place's own curves, dragged from the path's depth",
+        }
+    }
+}
+
+/// A part of a path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Leg {
+    /// In, the first time or again.
+    Press,
+    /// Laterally from the press's end.
+    Drag,
+    /// Back.
+    Reversal,
+    /// Round.
+    Circle,
+    /// Out.
+    Release,
+}
+
+/// What a state belongs to: the leg, and of drags whether the simulated contact slips.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Phase {
+    /// Pressing.
+    Press,
+    /// Dragging, and points that carry more than half of the pressure stick.
+    Stick,
+    /// Dragging, and half or more slips.
+    Slip,
+    /// Dragging back.
+    Reversal,
+    /// Going round.
+    Circle,
+    /// Letting go.
+    Release,
+}
+
+impl Phase {
+    /// All, in the order of a path.
+    pub const ALL: [Phase; 6] =
+        [Phase::Press, Phase::Stick, Phase::Slip, Phase::Reversal, Phase::Circle, Phase::Release];
+
+    /// As tables and files name it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Phase::Press => "press",
+            Phase::Stick => "stick",
+            Phase::Slip => "slip",
+            Phase::Reversal => "reversal",
+            Phase::Circle => "circle",
+            Phase::Release => "release",
         }
     }
 }
@@ -98,28 +252,53 @@ impl Difference {
     }
 }
 
-/// How far one source's answers are from the simulation.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Comparison {
-    /// Which.
+/// One source's forces along a path, and how far they are from the simulation's.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Answer {
+    /// Whose.
     pub source: Source,
     /// Along û.
     pub normal: Difference,
     /// At right angles to û, as a vector.
     pub lateral: Difference,
+    /// On the body, N; one for each state.
+    #[serde(skip)]
+    pub forces_n: Vec<DVec3>,
 }
 
 /// One state of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Compared {
-    /// m.
-    pub depth_m: f64,
-    /// m.
-    pub distance_m: f64,
+    /// The part of the path that it ends or lies on.
+    pub leg: Leg,
+    /// Of the tool from first touch, m.
+    pub offset_m: DVec3,
     /// On the body, N.
     pub simulated_n: DVec3,
-    /// On the body, N; one for each [`Source::ALL`], where there is one.
-    pub answers_n: [Option<DVec3>; 4],
+    /// Simulated pressures whatever their directions, N.
+    pub pressed_n: f64,
+    /// The share of them where the simulated contact slips.
+    pub slipping: f64,
+    /// Of the simulated contact, m².
+    pub patch_m2: f64,
+    /// μ at this depth.
+    pub friction: f64,
+    /// û at the rendered contact point; that of the path out of contact.
+    pub inward: DVec3,
+}
+
+impl Compared {
+    /// What it belongs to.
+    pub fn phase(&self) -> Phase {
+        match self.leg {
+            Leg::Press => Phase::Press,
+            Leg::Drag if self.slipping < 0.5 => Phase::Stick,
+            Leg::Drag => Phase::Slip,
+            Leg::Reversal => Phase::Reversal,
+            Leg::Circle => Phase::Circle,
+            Leg::Release => Phase::Release,
+        }
+    }
 }
 
 /// What came of one path.
@@ -131,59 +310,26 @@ pub struct PathResult {
     pub inward: [f64; 3],
     /// Unit vector of the drag.
     pub direction: [f64; 3],
-    /// As planned, m.
+    /// Of the press, as planned, m.
     pub depth_m: f64,
-    /// As planned, m.
+    /// Of the drag, as planned, m.
     pub distance_m: f64,
-    /// Largest difference of the normal force over the states, in % of the largest force.
-    pub normal_error_percent: f64,
-    /// Largest difference of the lateral force, a vector, over the states, in % of the largest force.
-    pub lateral_error_percent: f64,
-    /// Root of the mean square over the states, in % of the largest force.
-    pub normal_rms_percent: f64,
-    /// Root of the mean square over the states, in % of the largest force.
-    pub lateral_rms_percent: f64,
-    /// N.
-    pub normal_error_n: f64,
-    /// N.
-    pub lateral_error_n: f64,
     /// Of the simulation, N.
     pub largest_force_n: f64,
     /// Where the simulation ended early, and why.
     pub stopped: Option<String>,
-    /// Every source's.
-    pub sources: Vec<Comparison>,
+    /// Every source's, the body's first.
+    pub sources: Vec<Answer>,
     /// State by state.
     #[serde(skip)]
     pub states: Vec<Compared>,
 }
 
-/// Over the states of all paths, in % of each path's largest force.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct StateSpread {
-    /// Half of the states are no worse.
-    pub median_percent: f64,
-    /// No more than one state in twenty is worse.
-    pub p95_percent: f64,
-}
-
-/// Over all paths.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct Spread {
-    /// Of the paths' largest differences.
-    pub median_percent: f64,
-    /// No more than one path in twenty is worse.
-    pub p95_percent: f64,
-    /// Of all.
-    pub worst_percent: f64,
-    /// Median of the paths' roots of mean squares.
-    pub median_rms_percent: f64,
-    /// Median of the paths' largest differences, N.
-    pub median_n: f64,
-    /// Of all, N.
-    pub worst_n: f64,
-    /// State by state, not by each path's worst one.
-    pub states: StateSpread,
+impl PathResult {
+    /// One source's, if the path has it.
+    pub fn answer(&self, source: Source) -> Option<&Answer> {
+        self.sources.iter().find(|a| a.source == source)
+    }
 }
 
 /// Over all paths, for one source.
@@ -193,288 +339,116 @@ pub struct SourceSummary {
     pub source: Source,
     /// Paths that have it.
     pub paths: usize,
-    /// Along û.
-    pub normal: Spread,
-    /// At right angles to û.
-    pub lateral: Spread,
+    /// Over all their states.
+    #[serde(flatten)]
+    pub errors: Errors,
 }
 
 /// What `palpate validate --json` prints.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Validation {
-    /// One for each path that was simulated.
-    pub paths: Vec<PathResult>,
-    /// The body's.
-    pub summary: ErrorSummary,
-    /// Every source's, from the worst informed to the best.
+    /// What was simulated.
+    pub history: History,
+    /// The paths' seed.
+    pub seed: u64,
+    /// Whether the paths begin at test points.
+    pub at_test_points: bool,
+    /// The body's errors.
+    pub summary: Errors,
+    /// The body's errors in each phase that there is.
+    pub phases: Vec<PhaseErrors>,
+    /// What the simulation says of sustained sliding.
+    pub sliding: Option<Sliding>,
+    /// Every source's errors.
     pub sources: Vec<SourceSummary>,
     /// Paths without any state, which count nowhere.
     pub failed: usize,
     /// Paths that ended early, which count as far as they went.
     pub cut_short: usize,
-    /// The paths' seed.
-    pub seed: u64,
-}
-
-/// The body's errors over all paths.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct ErrorSummary {
-    /// Along û.
-    pub normal: Spread,
-    /// At right angles to û.
-    pub lateral: Spread,
-}
-
-/// Random numbers (SplitMix64, Steele et al. 2014): each path has a stream of its own.
-struct Random(u64);
-
-impl Random {
-    fn new(seed: u64, path: usize) -> Self {
-        let mut first = Random(seed);
-        Random(first.next() ^ (path as u64).wrapping_mul(0xD134_2543_DE82_EF95))
-    }
-
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    /// In [0, 1).
-    fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
+    /// One for each path that was simulated.
+    pub paths: Vec<PathResult>,
 }
 
 /// A path to try.
-#[derive(Debug, Clone, PartialEq)]
 struct Tried {
-    point: DVec3,
-    inward: DVec3,
+    place: Place,
     direction: DVec3,
     depth: f64,
     distance: f64,
-    steps: u32,
-    plan: PointPlan,
+    /// The tool's offsets from first touch, m: one for each state, in the order of the plan.
+    poses: Vec<(Leg, DVec3)>,
+    plan: Plan,
 }
 
-/// Elements that can be touched, with the sum of areas up to each.
-struct Ground<'a> {
-    body: &'a Body,
-    elements: Vec<(u32, f64)>,
-    area: f64,
-    /// Nearer to a test point than this is no held-out point, m.
-    apart: f64,
-    test_points: Vec<DVec3>,
+/// What the simulation is asked.
+enum Plan {
+    Press(PointPlan),
+    Free(FreePlan),
 }
 
-impl<'a> Ground<'a> {
-    fn new(body: &'a Body, touchable: &[bool]) -> Result<Self> {
-        if touchable.len() != body.nodes().len() {
-            bail!(
-                "{} nodes of the body, but {} that the spec gives; is it the body's spec?",
-                body.nodes().len(),
-                touchable.len()
-            );
-        }
-        let mut area = 0.0;
-        let open = body.elements().iter().enumerate();
-        let open = open.filter(|(_, e)| e.nodes.iter().all(|&n| touchable[n as usize]));
-        let elements: Vec<(u32, f64)> = open
-            .map(|(e, _)| {
-                let [a, b, c] = body.corners(e as u32);
-                area += (b - a).cross(c - a).length() / 2.0;
-                (e as u32, area)
-            })
-            .collect();
-        if elements.is_empty() {
-            bail!("no part of the surface can be touched; leave a part of it free of supports");
-        }
-        let test_points: Vec<DVec3> =
-            body.test_point_nodes().iter().map(|&n| body.nodes()[n as usize].position).collect();
-        let apart = 0.15 * (area / test_points.len() as f64).sqrt();
-        Ok(Ground { body, elements, area, apart, test_points })
-    }
-
-    /// A point and û there, uniform over the area.
-    fn point(&self, random: &mut Random) -> (DVec3, DVec3) {
-        /// A few tries do: less than a tenth of the surface is near a test point.
-        const TRIES: usize = 100;
-        let mut found = (DVec3::ZERO, DVec3::Z);
-        for _ in 0..TRIES {
-            let share = random.unit() * self.area;
-            let i = self.elements.partition_point(|e| e.1 <= share).min(self.elements.len() - 1);
-            let (r, s) = (random.unit().sqrt(), random.unit());
-            let at = SurfacePoint { element: self.elements[i].0, n: [1.0 - r, r * (1.0 - s), r * s] };
-            let nodes = self.body.element_nodes(at.element);
-            let u: DVec3 = (0..3).map(|j| nodes[j].inward * at.n[j]).sum();
-            found = (self.body.point(at), u.normalize());
-            if self.test_points.iter().all(|t| t.distance(found.0) >= self.apart) {
-                break;
-            }
-        }
-        found
-    }
+/// What the simulation gave.
+enum Simulated {
+    Press(PointPaths),
+    Free(LoadPath),
 }
 
 impl Tried {
-    fn new(trial: &Trial, ground: &Ground, path: usize) -> Self {
-        let mut random = Random::new(trial.seed, path);
-        let depth = random.between(0.1, 1.0) * trial.normal_max_m;
-        let distance = random.between(0.25, 1.0) * trial.lateral_max_m;
-        let angle = random.between(0.0, TAU);
-        let (point, inward) = ground.point(&mut random);
-        let (p, q) = inward.any_orthonormal_pair();
-        let direction = p * libm::cos(angle) + q * libm::sin(angle);
-        let along = |end: f64| (1..=trial.steps).map(move |k| end * f64::from(k) / f64::from(trial.steps));
-        let mut depths: Vec<f64> = along(depth).chain(trial.drag_depths_m.iter().copied()).collect();
-        depths.sort_by(f64::total_cmp);
-        // The path's own depth stays as it is.
-        depths.dedup_by(|next, kept| {
-            let same = *next - *kept < 1e-6;
-            if same && *next == depth {
-                *kept = depth;
-            }
-            same
-        });
-        let nearest = |d: f64| {
-            let off = |i: &usize| (depths[*i] - d).abs();
-            (0..depths.len()).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0)
-        };
-        let drag = |from: f64| Drag { from: nearest(from), direction, distances: along(distance).collect() };
-        let drags = std::iter::once(depth).chain(trial.drag_depths_m.iter().copied()).map(drag).collect();
-        let plan = PointPlan { point, inward, depths: depths.clone(), drags };
-        Tried { point, inward, direction, depth, distance, steps: trial.steps, plan }
-    }
-
-    /// Depths, distances and simulated forces of the path's own states.
-    fn states(&self, paths: &PointPaths) -> Vec<(f64, f64, DVec3)> {
-        // Not those that only the drags from the test points' depths are for.
-        let step = self.depth / f64::from(self.steps);
-        let whole = |depth: f64| (depth / step - (depth / step).round()).abs() * step < 1e-6;
-        let press = paths.press.states.iter();
-        let press = press.filter(|s| s.depth_m <= self.depth * (1.0 + 1e-9) && whole(s.depth_m));
-        let mut states: Vec<_> = press.map(|s| (s.depth_m, 0.0, s.force_n)).collect();
-        if let Some(drag) = paths.drags.first() {
-            states.extend(drag.states.iter().map(|s| (self.depth, s.distance_m, s.force_n)));
-        }
-        states
-    }
-
-    fn stopped(&self, paths: &PointPaths) -> Option<String> {
-        let own = |path: &LoadPath, what: &str| {
-            path.stopped.as_ref().map(|s| format!("{what} at {:.3} mm: {}", s.at_m * 1e3, s.why))
-        };
-        let short = paths.press.states.last().is_none_or(|s| s.depth_m < self.depth * (1.0 - 1e-9));
-        match own(&paths.press, "the press").filter(|_| short) {
-            Some(stop) => Some(stop),
-            None => paths.drags.first().and_then(|d| own(d, "the drag")),
+    fn new(trial: &Trial, body: &Body, ground: &Ground, path: usize) -> Self {
+        match trial.history {
+            History::Coulomb => free::coulomb(trial, body, ground, path),
+            History::Frictionless => free::frictionless(trial, ground, path),
+            History::Stick | History::FrictionlessPress => press::press_and_drag(trial, body, ground, path),
         }
     }
 
-    /// The response at this place, from its own press and the drags that `which` chooses.
-    fn own(&self, paths: &PointPaths, which: std::ops::Range<usize>) -> Option<PointFit> {
-        let rows = |path: &LoadPath, at: fn(&palpate_simulate::State) -> f64| {
-            path.states.iter().map(|s| (at(s), s.force_n)).collect::<Vec<_>>()
-        };
-        let drags = paths.drags.iter().zip(&self.plan.drags).collect::<Vec<_>>();
-        let drags = drags.get(which)?.iter().filter(|(path, _)| !path.states.is_empty());
-        let drags: Vec<DragRecord> = drags
-            .map(|(path, drag)| DragRecord {
-                depth_m: self.plan.depths[drag.from],
-                direction: drag.direction,
-                rows: rows(path, |s| s.distance_m),
-            })
-            .collect();
-        let press = rows(&paths.press, |s| s.depth_m);
-        let record = PointRecord { inward: self.inward, press, drags, ..PointRecord::default() };
-        let distances = self.plan.drags.first()?.distances.iter().copied();
-        let knots: Vec<f64> = std::iter::once(0.0).chain(distances).collect();
-        fit_point(&record, &knots, false).ok().filter(|fit| fit.lateral.is_some())
+    fn simulate(&self, trial: &Trial, simulator: &dyn Simulator) -> Option<Simulated> {
+        Some(match &self.plan {
+            Plan::Press(plan) => Simulated::Press(simulator.press(plan, trial.history == History::Stick)?),
+            Plan::Free(plan) => Simulated::Free(simulator.follow(plan)?),
+        })
     }
 
-    /// The engine's force on the body at each state, where it touches.
-    fn engine(&self, body: &Body, states: &[(f64, f64, DVec3)]) -> Vec<DVec3> {
-        /// Steps from one state to the next; the first of all must end inside.
-        const BETWEEN: u32 = 8;
-        let radius = body.tool().radius_m();
-        // In a hollow the tool would begin inside, and feel nothing.
-        let gap = radius.max(1e-4);
-        let pose = |depth: f64, distance: f64| {
-            let tip = self.point + self.inward * (depth - radius) + self.direction * distance;
-            ToolState::at(tip.to_array())
-        };
-        let mut poses = vec![pose(-gap, 0.0)];
-        let mut last = (-gap, 0.0);
-        for &(depth, distance, _) in states {
-            for k in 1..=BETWEEN {
-                let t = f64::from(k) / f64::from(BETWEEN);
-                let part = |from: f64, to: f64| if k == BETWEEN { to } else { from + (to - from) * t };
-                poses.push(pose(part(last.0, depth), part(last.1, distance)));
-            }
-            last = (depth, distance);
-        }
-        let path = poses.into_iter().enumerate().map(|(k, pose)| Waypoint { time_s: k as f64 * 1e-3, pose });
-        let outputs = rollout(body, path, body.slip(), Ablation::None);
-        let forces = outputs.map(|o| -DVec3::from_array(o.force_n));
-        forces.skip(BETWEEN as usize).step_by(BETWEEN as usize).collect()
-    }
-}
-
-/// The body without friction until the contact has settled, and with more than can be overcome from then on: it sticks.
-///
-/// # Errors
-/// The responses can't be brought onto the further knots.
-pub fn sticking(body: &Body, normal_max_m: f64) -> Result<Body> {
-    /// Shares of the greatest depth between which friction comes.
-    const ONSET: [f64; 2] = [0.01, 0.02];
-    const ENDLESS: f64 = 1e9;
-    let mut parts = body.parts();
-    let onset = ONSET.map(|share| share * normal_max_m);
-    for response in &mut parts.responses {
-        let mut knots = response.normal.knots().to_vec();
-        // A knot of the curve that lies there already takes the place of ours.
-        let add: Vec<f64> =
-            onset.into_iter().filter(|o| knots.iter().all(|k| (k - o).abs() > 1e-7)).collect();
-        knots.extend(add);
-        knots.sort_by(f64::total_cmp);
-        response.normal = exact(&response.normal.on_knots(&knots)?)?;
-        let values: Vec<f64> =
-            knots.iter().map(|&k| if k > onset[0] + 1e-7 { ENDLESS } else { 0.0 }).collect();
-        response.friction = Curve::through(&knots, &values, Interpolation::Linear, Extension::Constant)?;
-    }
-    Ok(Body::new(parts)?)
-}
-
-/// Without the decrease below 0 that rounding may give.
-fn exact(curve: &Curve) -> Result<Curve> {
-    let mut ordinates = curve.ordinates().to_vec();
-    for i in 0..ordinates.len() {
-        for j in 0..4 {
-            let before = if j > 0 {
-                ordinates[i][j - 1]
-            } else if i > 0 {
-                ordinates[i - 1][3]
-            } else {
-                0.0
-            };
-            let rounding = 1e-9 * before.abs();
-            if ordinates[i][j] < before && before - ordinates[i][j] <= rounding {
-                ordinates[i][j] = before;
+    /// The states at the path's poses as far as it went, and why it ended early.
+    fn states<'s>(&self, simulated: &'s Simulated) -> (Vec<&'s State>, Option<String>) {
+        match simulated {
+            Simulated::Press(paths) => press::own_states(self, paths),
+            Simulated::Free(path) => {
+                let next = self.poses.get(path.states.len());
+                let stopped = path.stopped.as_ref().zip(next).map(|(stop, (leg, offset))| {
+                    let depth = offset.dot(self.place.inward);
+                    let [depth, aside] =
+                        [depth, (*offset - self.place.inward * depth).length()].map(|x| x * 1e3);
+                    format!("the {} {depth:.3} mm deep, {aside:.3} mm off: {}", leg.name(), stop.why)
+                });
+                (path.states.iter().collect(), stopped)
             }
         }
     }
-    Ok(Curve::from_ordinates(curve.knots(), &ordinates, curve.extension())?)
+
+    fn friction(&self, depth: f64) -> f64 {
+        match &self.plan {
+            Plan::Press(_) => 0.0,
+            Plan::Free(plan) => coefficient(&plan.friction, depth),
+        }
+    }
 }
 
-/// For each node of the body whether the tool can come there: whether the nearest of the simulated surface's nodes, given
-/// as (position, held), is free, and what is held farther away than `margin_m`, as for test points.
+impl Leg {
+    /// In words.
+    fn name(self) -> &'static str {
+        match self {
+            Leg::Press => "press",
+            Leg::Drag => "drag",
+            Leg::Reversal => "way back",
+            Leg::Circle => "circle",
+            Leg::Release => "release",
+        }
+    }
+}
+
+/// For each node of the body whether the tool can come there: whether the nearest of the simulated surface's
+/// nodes, given as (position, held), is free, and what is held farther away than `margin_m`, as for test
+/// points.
 ///
 /// # Errors
 /// As [`palpate_identify::touchable`].
@@ -504,31 +478,35 @@ pub fn touchable(
     Ok(palpate_identify::touchable(&body.parts().surface, &held, margin_m)?)
 }
 
-/// Tries paths on `body`. `simulate` gives what a point's plan comes to, or nothing when it was told to stop;
-/// `progress` hears of each path that is done. Paths run beside each other on the threads of rayon's present pool, and
-/// the result does not depend on their number.
+/// Tries paths on `body`; `progress` hears of each path that is done. Paths run beside each other on the
+/// threads of rayon's present pool, and the result does not depend on their number.
 ///
 /// # Errors
 /// The trial does not fit the body, no path gave a state, or it was stopped.
 pub fn validate(
     body: &Body,
     trial: &Trial,
-    simulate: &(dyn Fn(&PointPlan) -> Option<PointPaths> + Sync),
+    simulator: &dyn Simulator,
     progress: &(dyn Fn() + Sync),
 ) -> Result<Validation> {
     if trial.paths == 0 || trial.steps == 0 {
-        bail!("there is no path to try; give --paths 1 or more");
+        bail!("there is no path to try; give --paths 1 or more, and --steps 1 or more");
     }
-    let ground = Ground::new(body, &trial.touchable)?;
-    let rough = sticking(body, trial.normal_max_m)?;
-    let alike = isotropic(&rough)?;
+    let ground = Ground::new(body, &trial.touchable, trial.at_test_points)?;
+    let variants = variants(body, trial)?;
     let results: Option<Vec<Option<PathResult>>> = (0..trial.paths)
         .into_par_iter()
         .map(|path| {
-            let tried = Tried::new(trial, &ground, path);
-            let paths = simulate(&tried.plan)?;
+            let tried = Tried::new(trial, body, &ground, path);
+            let simulated = tried.simulate(trial, simulator)?;
+            let mut further = Vec::new();
+            if let Some(plan) = simulator.own_plan(tried.place.point, tried.place.inward) {
+                let paths = simulator.press(&plan, true)?;
+                further.extend(own_potential(body, trial, &tried.place, &plan, &paths, &variants));
+            }
+            let result = compare(body, &tried, &simulated, variants.iter().chain(&further));
             progress();
-            Some(compare(&tried, &paths, &rough, alike.as_ref()))
+            Some(result)
         })
         .collect();
     let results = results.ok_or_else(|| anyhow!("stopped before all paths were simulated"))?;
@@ -536,142 +514,110 @@ pub fn validate(
     if paths.is_empty() {
         bail!("the simulation found no state on any path; look at the mesh and the material");
     }
-    let sources: Vec<SourceSummary> = Source::ALL.into_iter().map(|s| summary(s, &paths)).collect();
-    let own = sources.iter().find(|s| s.source == Source::Body);
-    let summary =
-        own.map_or_else(ErrorSummary::default, |s| ErrorSummary { normal: s.normal, lateral: s.lateral });
+    let errors = |source: Source, chosen: &dyn Fn(&Compared) -> bool| {
+        let answers = paths.iter().filter_map(|p| Some((p, p.answer(source)?)));
+        (answers.clone().count(), Errors::new(answers, chosen))
+    };
+    let sources = Source::ALL.into_iter().map(|source| {
+        let (paths, errors) = errors(source, &|_| true);
+        SourceSummary { source, paths, errors }
+    });
+    let phases = Phase::ALL.into_iter().map(|phase| {
+        let (_, errors) = errors(Source::Body, &|s| s.phase() == phase);
+        PhaseErrors { phase, errors }
+    });
     Ok(Validation {
+        history: trial.history,
+        seed: trial.seed,
+        at_test_points: trial.at_test_points,
+        summary: errors(Source::Body, &|_| true).1,
+        phases: phases.filter(|p| p.errors.states > 0).collect(),
+        sliding: Sliding::new(paths.iter().filter_map(|p| Some((p, p.answer(Source::Body)?)))),
+        sources: sources.filter(|s| s.paths > 0).collect(),
         failed: trial.paths - paths.len(),
         cut_short: paths.iter().filter(|p| p.stopped.is_some()).count(),
-        seed: trial.seed,
-        summary,
-        sources,
         paths,
     })
 }
 
-/// The same body with a lateral response that is alike in all directions; none if it is so already.
-fn isotropic(body: &Body) -> Result<Option<Body>> {
-    let alike = || Body::new(BodyParts { lateral_tensors: None, ..body.parts() });
-    Ok((!body.is_isotropic()).then(alike).transpose()?)
-}
-
-fn compare(tried: &Tried, paths: &PointPaths, body: &Body, alike: Option<&Body>) -> Option<PathResult> {
-    let states = tried.states(paths);
-    let force = states.iter().map(|s| s.2.length()).fold(0.0, f64::max);
-    if states.is_empty() || force == 0.0 {
+/// None if the simulation felt nothing.
+fn compare<'v>(
+    body: &Body,
+    tried: &Tried,
+    simulated: &Simulated,
+    variants: impl Iterator<Item = &'v Variant> + Clone,
+) -> Option<PathResult> {
+    let (found, stopped) = tried.states(simulated);
+    let force = found.iter().map(|s| s.force_n.length()).fold(0.0, f64::max);
+    if force == 0.0 {
         return None;
     }
-    let u = tried.inward;
-    let of_body = tried.engine(body, &states);
-    let of_alike = alike.map_or_else(|| of_body.clone(), |alike| tried.engine(alike, &states));
-    let of_own = |which| {
-        let fit = tried.own(paths, which)?;
-        let lateral = fit.lateral.as_ref()?.clone();
-        Some(move |depth: f64, distance: f64| {
-            u * fit.normal.value(depth) + tried.direction * lateral.value(distance)
-        })
-    };
-    let (own, own_depth) = (of_own(1..tried.plan.drags.len()), of_own(0..1));
-    let compared: Vec<Compared> = (states.iter().enumerate())
-        .map(|(i, &(depth_m, distance_m, simulated_n))| Compared {
-            depth_m,
-            distance_m,
-            simulated_n,
-            answers_n: [
-                of_alike.get(i).copied(),
-                of_body.get(i).copied(),
-                own.as_ref().map(|f| f(depth_m, distance_m)),
-                own_depth.as_ref().map(|f| f(depth_m, distance_m)),
-            ],
-        })
-        .collect();
-    let sources: Vec<Comparison> = (Source::ALL.into_iter().enumerate())
-        .filter(|&(i, _)| compared.iter().all(|c| c.answers_n[i].is_some()))
-        .map(|(i, source)| {
-            let differences = || compared.iter().filter_map(|c| Some(c.answers_n[i]? - c.simulated_n));
-            Comparison {
-                source,
-                normal: Difference::new(differences().map(|d| normal_part(d, u)), force),
-                lateral: Difference::new(differences().map(|d| lateral_part(d, u)), force),
+    let (start, u) = (place::first_touch(body, &tried.place), tried.place.inward);
+    let poses = &tried.poses[..found.len().min(tried.poses.len())];
+    let offsets: Vec<DVec3> = poses.iter().map(|p| p.1).collect();
+    let mut rendered: Vec<(Source, Vec<DVec3>)> = Vec::new();
+    let mut normals = Vec::new();
+    for variant in variants.clone() {
+        let (forces, there) = variant.forces(start, u, &offsets);
+        if variant.source == Source::Body {
+            normals = there;
+        }
+        rendered.push((variant.source, forces));
+    }
+    match (simulated, &tried.plan) {
+        (Simulated::Press(paths), Plan::Press(plan)) if plan.drags.len() > 1 => {
+            let which = [(Source::OwnCurves, 1..plan.drags.len()), (Source::OwnCurvesAtDepth, 0..1)];
+            for (source, drags) in which {
+                let Some(fit) = press::own_curves(tried, plan, paths, drags) else { continue };
+                let forces = offsets.iter().map(|o| press::curves_force(tried, &fit, *o));
+                rendered.extend(forces.collect::<Option<_>>().map(|forces| (source, forces)));
             }
-        })
-        .collect();
-    let Comparison { normal, lateral, .. } = *sources.iter().find(|c| c.source == Source::Body)?;
+        }
+        _ => {
+            let held = pressures_hold(&found, u).zip(variants.clone().next());
+            rendered.extend(held.map(|(scale, body)| {
+                let variant = body.with_friction(Source::PressureFriction, scale);
+                (variant.source, variant.forces(start, u, &offsets).0)
+            }));
+        }
+    }
+    let states = poses.iter().zip(&found).zip(normals).map(|((&(leg, offset_m), state), inward)| Compared {
+        leg,
+        offset_m,
+        simulated_n: state.force_n,
+        pressed_n: state.pressed_n,
+        slipping: state.slipping,
+        patch_m2: state.patch_m2,
+        friction: tried.friction(offset_m.dot(u)),
+        inward,
+    });
+    let states: Vec<Compared> = states.collect();
+    let sources = rendered.into_iter().map(|(source, forces_n)| {
+        let off = || states.iter().zip(&forces_n).map(|(s, f)| *f - s.simulated_n);
+        Answer {
+            source,
+            normal: Difference::new(off().map(|d| normal_part(d, u)), force),
+            lateral: Difference::new(off().map(|d| lateral_part(d, u)), force),
+            forces_n,
+        }
+    });
     Some(PathResult {
-        point_m: tried.point.to_array(),
+        point_m: tried.place.point.to_array(),
         inward: u.to_array(),
         direction: tried.direction.to_array(),
         depth_m: tried.depth,
         distance_m: tried.distance,
-        normal_error_percent: normal.largest_percent,
-        lateral_error_percent: lateral.largest_percent,
-        normal_rms_percent: normal.rms_percent,
-        lateral_rms_percent: lateral.rms_percent,
-        normal_error_n: normal.largest_n,
-        lateral_error_n: lateral.largest_n,
         largest_force_n: force,
-        stopped: tried.stopped(paths),
-        sources,
-        states: compared,
+        stopped,
+        sources: sources.collect(),
+        states,
     })
 }
 
-fn summary(source: Source, paths: &[PathResult]) -> SourceSummary {
-    let all: Vec<(&PathResult, &Comparison)> =
-        paths.iter().filter_map(|p| Some((p, p.sources.iter().find(|c| c.source == source)?))).collect();
-    let spread = |of: fn(&Comparison) -> &Difference, part: fn(DVec3, DVec3) -> f64| {
-        let sorted = |value: fn(&Difference) -> f64| ascending(all.iter().map(|(_, c)| value(of(c))));
-        let (percent, rms, newtons) =
-            (sorted(|d| d.largest_percent), sorted(|d| d.rms_percent), sorted(|d| d.largest_n));
-        let states = ascending(all.iter().flat_map(|(p, _)| {
-            let off = p.states.iter().filter_map(|s| Some(s.answers_n[source as usize]? - s.simulated_n));
-            off.map(|d| 100.0 * part(d, DVec3::from_array(p.inward)) / p.largest_force_n)
-        }));
-        Spread {
-            median_percent: median(&percent),
-            p95_percent: percentile(&percent, 0.95),
-            worst_percent: percentile(&percent, 1.0),
-            median_rms_percent: median(&rms),
-            median_n: median(&newtons),
-            worst_n: percentile(&newtons, 1.0),
-            states: StateSpread { median_percent: median(&states), p95_percent: percentile(&states, 0.95) },
-        }
-    };
-    SourceSummary {
-        source,
-        paths: all.len(),
-        normal: spread(|c| &c.normal, normal_part),
-        lateral: spread(|c| &c.lateral, lateral_part),
-    }
-}
-
-/// Length along the unit vector `u`.
-fn normal_part(v: DVec3, u: DVec3) -> f64 {
-    v.dot(u).abs()
-}
-
-/// Length at right angles to the unit vector `u`.
-fn lateral_part(v: DVec3, u: DVec3) -> f64 {
-    v.reject_from(u).length()
-}
-
-fn ascending(values: impl Iterator<Item = f64>) -> Vec<f64> {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values
-}
-
-/// The middle one of ascending numbers, or the mean of the two in the middle.
-pub fn median(sorted: &[f64]) -> f64 {
-    match sorted.len() {
-        0 => 0.0,
-        n => (sorted[(n - 1) / 2] + sorted[n / 2]) / 2.0,
-    }
-}
-
-/// The least of ascending numbers that this share of them does not exceed.
-pub fn percentile(sorted: &[f64], share: f64) -> f64 {
-    let rank = (share * sorted.len() as f64).ceil() as usize;
-    sorted.get(rank.clamp(1, sorted.len().max(1)) - 1).copied().unwrap_or(0.0)
+/// What the pressures of slipping states hold, in parts of μ f_z: the median, if any slips.
+fn pressures_hold(states: &[&State], u: DVec3) -> Option<f64> {
+    let slipping = states.iter().filter(|s| s.slipping > 0.5 && s.force_n.dot(u) > 0.0);
+    let mut ratios: Vec<f64> = slipping.map(|s| s.pressed_n / s.force_n.dot(u)).collect();
+    ratios.sort_by(f64::total_cmp);
+    (!ratios.is_empty()).then(|| median(&ratios))
 }

@@ -336,7 +336,7 @@ fn spread(all: usize, count: usize) -> impl Iterator<Item = usize> {
 /// Lines from points of a depth, which is drawn in mm.
 fn over_depth(end: f64, name: String, value: impl Fn(f64) -> f64) -> Line {
     let points = (0..=200).map(|i| end * f64::from(i) / 200.0).map(|d| (d * 1e3, value(d)));
-    Line { name, points: points.collect() }
+    Line { name, points: points.collect(), ..Line::default() }
 }
 
 fn coupled_charts(body: &Body, law: &CoupledLaw) -> [(&'static str, Vec<LineChart>); 3] {
@@ -375,7 +375,8 @@ fn coupled_charts(body: &Body, law: &CoupledLaw) -> [(&'static str, Vec<LineChar
                 let [x, y] = potential.at(d, [r * c, r * s], law.range_m).lateral;
                 (r * 1e3, x * c + y * s)
             });
-            Line { name: format!("{:.1} mm deep, {}°", d * 1e3, 45 * i), points: points.collect() }
+            let name = format!("{:.1} mm deep, {}°", d * 1e3, 45 * i);
+            Line { name, points: points.collect(), ..Line::default() }
         });
         LineChart {
             title: format!(
@@ -430,6 +431,7 @@ fn interpolation_chart(body: &Body) -> Option<(&'static str, Vec<LineChart>)> {
     let line = |name: &str, of: fn(&CountErrors) -> f64| Line {
         name: name.into(),
         points: by_count.iter().map(|c| (f64::from(c.test_points), of(c))).collect(),
+        ..Line::default()
     };
     let chart = LineChart {
         title: "Error at places that the test points predict".into(),
@@ -460,7 +462,8 @@ fn decoupled_charts(body: &Body) -> [(&'static str, LineChart); 3] {
             } else {
                 format!("{t} at ({x:.1}, {y:.1}, {z:.1}) mm")
             };
-            Some(Line { name, points: samples.map(|d| (d * 1e3, curve.value(d))).collect() })
+            let points = samples.map(|d| (d * 1e3, curve.value(d))).collect();
+            Some(Line { name, points, ..Line::default() })
         };
         let title = if !all_alike && shown.len() < body.curves().len() {
             format!("{title}: {} of {} test points", shown.len(), body.curves().len())

@@ -38,6 +38,14 @@ pub struct Line {
     pub name: String,
     /// (x, y), in the units that the axes name.
     pub points: Vec<(f64, f64)>,
+    /// Single values beside the line, in its colour.
+    pub dots: Vec<(f64, f64)>,
+}
+
+impl Line {
+    fn all(&self) -> impl Iterator<Item = &(f64, f64)> {
+        self.points.iter().chain(&self.dots)
+    }
 }
 
 /// A chart with one pair of axes.
@@ -124,6 +132,7 @@ fn draw(panel: &Panel, chart: &LineChart) -> Result<()> {
         if !line.name.is_empty() {
             series.label(&line.name).legend(move |(x, y)| PathElement::new([(x, y), (x + 22, y)], style));
         }
+        context.draw_series(line.dots.iter().map(|&dot| Circle::new(dot, 3, style.filled())))?;
     }
     if chart.lines.iter().any(|l| !l.name.is_empty()) {
         context
@@ -141,7 +150,7 @@ fn draw(panel: &Panel, chart: &LineChart) -> Result<()> {
 fn ranges(chart: &LineChart) -> Option<[Range<f64>; 2]> {
     let mut low = [f64::INFINITY; 2];
     let mut high = [f64::NEG_INFINITY; 2];
-    let points = chart.lines.iter().flat_map(|l| &l.points).filter(|p| p.0.is_finite() && p.1.is_finite());
+    let points = chart.lines.iter().flat_map(Line::all).filter(|p| p.0.is_finite() && p.1.is_finite());
     for &(x, y) in points {
         for (i, v) in [x, y].into_iter().enumerate() {
             low[i] = low[i].min(v);
@@ -164,7 +173,7 @@ fn ranges(chart: &LineChart) -> Option<[Range<f64>; 2]> {
 fn legend_corner(chart: &LineChart, x: &Range<f64>, y: &Range<f64>) -> SeriesLabelPosition {
     let (width, height) = (x.end - x.start, y.end - y.start);
     let hidden = |right: bool, upper: bool| {
-        let points = chart.lines.iter().flat_map(|l| &l.points);
+        let points = chart.lines.iter().flat_map(Line::all);
         let beside = |v: f64| if right { v > x.end - 0.3 * width } else { v < x.start + 0.3 * width };
         let level = |v: f64| (v > y.start + 0.5 * height) == upper;
         points.filter(|p| beside(p.0) && level(p.1)).count()
@@ -205,7 +214,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
         let points = (0..20).map(|i| (f64::from(i), f64::from(i * i))).collect();
-        let line = Line { name: "square".into(), points };
+        let line = Line { name: "square".into(), points, ..Line::default() };
         let chart = LineChart {
             title: "A curve".into(),
             x_label: "x (mm)".into(),

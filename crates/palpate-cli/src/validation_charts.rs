@@ -2,68 +2,69 @@
 
 use crate::plot::{Line, LineChart};
 use glam::DVec3;
-use palpate_build::validate::{Compared, PathResult, Source, Validation};
+use palpate_build::validate::{Measure, PathResult, Source, Validation};
 
-/// How the errors are distributed, and the paths of median and worst error, simulated and rendered.
+/// How the errors are distributed, and the paths of worst, median and best error, simulated and rendered.
 pub fn charts(validation: &Validation) -> Vec<LineChart> {
-    let shares = |name: &str, errors: &dyn Fn(&PathResult) -> Option<f64>| {
-        let mut errors: Vec<f64> = validation.paths.iter().filter_map(errors).collect();
-        errors.sort_by(f64::total_cmp);
-        let n = errors.len() as f64;
-        let points = errors.iter().enumerate().map(|(i, &e)| (100.0 * (i as f64 + 1.0) / n, e)).collect();
-        Line { name: name.into(), points }
-    };
-    let lateral_of = |source: Source| {
-        move |p: &PathResult| {
-            let found = p.sources.iter().find(|c| c.source == source)?;
-            Some(found.lateral.largest_percent)
-        }
-    };
-    let [alike, body] = [0, 1].map(|i| validation.sources.get(i).map(|s| (s.normal, s.lateral)));
-    let differs = alike != body;
-    let distribution = LineChart {
-        title: format!("Largest error of a path ({} paths)", validation.paths.len()),
-        x_label: "paths (%)".into(),
-        y_label: "error (% of the path's largest force)".into(),
-        lines: vec![
-            shares("normal", &|p| Some(p.normal_error_percent)),
-            shares("lateral", &|p| Some(p.lateral_error_percent)),
-            shares("lateral, the place's own responses", &lateral_of(Source::Own)),
-        ]
-        .into_iter()
-        .chain(differs.then(|| shares("lateral, alike in all directions", &lateral_of(Source::Isotropic))))
-        .collect(),
-        from_zero: true,
+    let error = |p: &PathResult| {
+        p.answer(Source::Body).map_or(0.0, |a| a.normal.rms_percent.hypot(a.lateral.rms_percent))
     };
     let mut order: Vec<&PathResult> = validation.paths.iter().collect();
-    let worse = |p: &PathResult| p.normal_error_percent.max(p.lateral_error_percent);
-    order.sort_by(|a, b| worse(a).total_cmp(&worse(b)));
-    let chosen = [("median", order.get(order.len() / 2)), ("worst", order.last())];
-    let charts = chosen.into_iter().filter_map(|(name, p)| Some(chart(name, p?)));
-    std::iter::once(distribution).chain(charts).collect()
+    order.sort_by(|a, b| error(a).total_cmp(&error(b)));
+    let chosen = [("worst", order.last()), ("median", order.get(order.len() / 2)), ("best", order.first())];
+    let charts = chosen.into_iter().filter_map(|(name, p)| chart(name, p?, error(p?)));
+    std::iter::once(distribution(validation)).chain(charts).collect()
 }
 
-fn chart(name: &str, path: &PathResult) -> LineChart {
-    let (u, d) = (DVec3::from_array(path.inward), DVec3::from_array(path.direction));
-    let line = |name: &str, of: DVec3, force: &dyn Fn(&Compared) -> Option<DVec3>| {
-        let point = |c: &Compared| Some(((c.depth_m + c.distance_m) * 1e3, force(c)?.dot(of)));
-        let points = std::iter::once((0.0, 0.0)).chain(path.states.iter().filter_map(point)).collect();
-        Line { name: name.into(), points }
-    };
+fn distribution(validation: &Validation) -> LineChart {
+    let lines = [Measure::Largest, Measure::Local].into_iter().flat_map(|measure| {
+        let of = match measure {
+            Measure::Local => "% of the force there",
+            _ => "% of the path's largest force",
+        };
+        let [normal, lateral] = validation.state_errors(measure);
+        [("normal", normal), ("lateral", lateral)].map(|(name, errors)| {
+            let n = errors.len() as f64;
+            // The last one in a hundred would set the scale.
+            let shares = errors.iter().enumerate().map(|(i, &e)| (100.0 * (i as f64 + 1.0) / n, e));
+            let points = shares.filter(|p| p.0 <= 99.0).collect();
+            Line { name: format!("{name}, {of}"), points, ..Line::default() }
+        })
+    });
     LineChart {
+        title: format!("Errors at all states ({} paths)", validation.paths.len()),
+        x_label: "states (%)".into(),
+        y_label: "error (%)".into(),
+        lines: lines.collect(),
+        from_zero: true,
+    }
+}
+
+/// None of a path whose forces were not kept.
+fn chart(name: &str, path: &PathResult, error: f64) -> Option<LineChart> {
+    let body = path.answer(Source::Body)?;
+    let (u, d) = (DVec3::from_array(path.inward), DVec3::from_array(path.direction));
+    let first = path.states.first()?.offset_m;
+    let way = path.states.iter().scan((first, 0.0), |(last, way), s| {
+        *way += last.distance(s.offset_m) * 1e3;
+        *last = s.offset_m;
+        Some(*way)
+    });
+    let way: Vec<f64> = way.collect();
+    let line = |name: &str, along: DVec3| Line {
+        name: name.into(),
+        points: way.iter().copied().zip(body.forces_n.iter().map(|f| f.dot(along))).collect(),
+        dots: way.iter().copied().zip(path.states.iter().map(|s| s.simulated_n.dot(along))).collect(),
+    };
+    Some(LineChart {
         title: format!(
-            "The path of {name} error: {:.2} mm deep, then {:.2} mm laterally",
+            "The path of {name} error ({error:.1} %, rms): {:.2} mm deep, dragged by {:.2} mm. Dots: simulated",
             path.depth_m * 1e3,
             path.distance_m * 1e3
         ),
-        x_label: "way (mm)".into(),
-        y_label: "force (N)".into(),
-        lines: vec![
-            line("normal, simulated", u, &|c| Some(c.simulated_n)),
-            line("normal, rendered", u, &|c| c.answers_n[1]),
-            line("along the drag, simulated", d, &|c| Some(c.simulated_n)),
-            line("along the drag, rendered", d, &|c| c.answers_n[1]),
-        ],
+        x_label: "way of the tool (mm)".into(),
+        y_label: "force on the body (N)".into(),
+        lines: vec![line("normal", u), line("along the drag", d), line("across both", u.cross(d))],
         from_zero: true,
-    }
+    })
 }

@@ -38,6 +38,12 @@ impl<I> Rollout<'_, I> {
         Rollout { contact: self.contact.with_tank(false), ..self }
     }
 
+    /// The same with the body's friction coefficients multiplied by `scale`, from the next pose on.
+    pub fn with_friction_scale(mut self, scale: f64) -> Self {
+        self.contact.set_friction_scale(scale);
+        self
+    }
+
     /// The contact as it is now.
     pub fn contact(&self) -> &Contact {
         &self.contact

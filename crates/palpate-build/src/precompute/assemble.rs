@@ -13,6 +13,7 @@ use palpate_body::{
 use palpate_identify::{
     CoupledOptions, DragRecord, FitReport, PathOptions, PointRecord, fit_coupled, fit_paths,
 };
+use palpate_simulate::{PointPaths, PointPlan};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -193,11 +194,15 @@ pub fn first_round(most: u32) -> usize {
 
 /// What was simulated, by index.
 pub fn records(points: &BTreeMap<u32, Point>) -> Vec<PointRecord> {
-    points.values().map(point_record).collect()
+    let record = |point: &Point| {
+        let TestPoint { node, plan } = point.test_point();
+        point_record(node, &point.paths(), &plan)
+    };
+    points.values().map(record).collect()
 }
 
-fn point_record(point: &Point) -> PointRecord {
-    let (TestPoint { node, plan }, paths) = (point.test_point(), point.paths());
+/// A point's paths, as fits take them.
+pub fn point_record(node: u32, paths: &PointPaths, plan: &PointPlan) -> PointRecord {
     let drags = plan.drags.iter().zip(&paths.drags).filter_map(|(drag, path)| {
         // Where the press did not come so deep there was no drag.
         let depth_m = paths.press.states.get(drag.from)?.depth_m;

@@ -39,6 +39,11 @@ impl Elements {
     pub fn model(&self) -> &Model {
         &self.model
     }
+
+    /// What touches it.
+    pub fn tool(&self) -> &RigidTool {
+        &self.tool
+    }
 }
 
 impl PointSolver for Elements {

@@ -6,23 +6,52 @@ use crate::progress::Progress;
 use crate::validation_charts::charts;
 use crate::{console, plot};
 use anyhow::anyhow;
+use glam::DVec3;
 use palpate_body::Body;
 use palpate_build::Progress as _;
-use palpate_build::paths_file::TestPoint;
-use palpate_build::precompute::prepare::{inputs_of, margin, prepare};
-use palpate_build::precompute::{PointSolver, Prepared};
-use palpate_build::spec::Spec;
-use palpate_build::validate::{Measure, Trial, Validation, touchable, validate};
+use palpate_build::precompute::Prepared;
+use palpate_build::precompute::elements::Elements;
+use palpate_build::precompute::prepare::{inputs_of, margin, point_plan, prepare};
+use palpate_build::spec::{self, Simulation, Spec};
+use palpate_build::validate::{self, Simulator, Trial, Validation, touchable, validate};
 use palpate_files as files;
-use palpate_simulate::PointPlan;
+use palpate_simulate::{Contact, FreePlan, PointPaths, PointPlan};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+/// What is simulated and rendered, as options name it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum History {
+    /// Free paths with the body's friction: pressed at an angle, dragged past slip, back, round, let go,
+    /// touched again
+    Coulomb,
+    /// Pressed straight in to the greatest depth, without friction on both sides
+    Frictionless,
+    /// Pressed and dragged while all that touches sticks: how well a coupled law holds
+    Stick,
+    /// Pressed without friction and dragged sticking: what bodies with curves are made of
+    FrictionlessPress,
+}
+
+impl History {
+    /// The same in a trial.
+    fn history(self) -> validate::History {
+        match self {
+            History::Coulomb => validate::History::Coulomb,
+            History::Frictionless => validate::History::Frictionless,
+            History::Stick => validate::History::Stick,
+            History::FrictionlessPress => validate::History::FrictionlessPress,
+        }
+    }
+}
+
 /// Say how wrong a body's forces are, on random paths that no test point has seen
 ///
-/// Each path presses the tool in at a random point and drags it, sticking, in a random direction. It is simulated in
-/// full, with the spec's mesh, material and tool, and compared with what the engine renders: errors in % of the path's
-/// largest force, and a table of where they come from. docs/validate.md explains the measure.
+/// Each path touches at a random point at an angle, presses, drags past slip, turns back, goes round a
+/// circle, lets go and touches again. It is simulated in full, with the spec's mesh, material and tool and
+/// the body's friction, and compared with what the engine renders: errors in % of the path's largest force
+/// and of the force at hand, for each part of the path, and a table of where they come from. docs/validate.md
+/// explains the measure.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  palpate validate liver.body liver.toml --paths 40 -o liver-errors\n\n\
                         Exit status: 0 done, 1 wrong input, 2 wrong usage, 130 stopped by a signal.")]
@@ -38,6 +67,19 @@ pub struct Args {
     /// Which paths: the same seed gives the same
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
+    /// What is simulated and rendered
+    #[arg(long, value_enum, default_value = "coulomb")]
+    history: History,
+    /// Begin paths at test points, not between them: the error without interpolation
+    #[arg(long)]
+    at_test_points: bool,
+    /// Also find the potential of each path's own point, which costs as much again: what test points and
+    /// interpolation take
+    #[arg(long)]
+    own: bool,
+    /// States of a press to the greatest depth; no load step is longer [default: the spec's steps]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    steps: Option<u32>,
     /// How many are simulated at a time [default: one for each core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     jobs: Option<u32>,
@@ -57,6 +99,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let body = Body::open(&args.body)?;
     let spec = Spec::read(&args.spec)?;
     let simulation = spec.simulation(&args.spec)?;
+    if args.history != History::FrictionlessPress
+        && let spec::Contact::Bonded { .. } = simulation.contact
+    {
+        return Err(anyhow!(
+            "{}: [tool] contact: a bonded patch neither slips nor lets go; give --history frictionless-press",
+            args.spec.display()
+        )
+        .into());
+    }
     let names = ["validate.md", "validate.png", "states.csv"];
     let outputs: Vec<PathBuf> =
         args.output.iter().flat_map(|folder| names.map(|name| folder.join(name))).collect();
@@ -82,20 +133,22 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let boundary = &model.boundary().nodes;
     let held = boundary.iter().map(|&n| (model.mesh().positions[n as usize], model.is_held(n)));
     let trial = Trial {
+        history: args.history.history(),
         paths: args.paths as usize,
         seed: args.seed,
+        at_test_points: args.at_test_points,
         normal_max_m: simulation.deflection.normal_max_m,
         lateral_max_m: simulation.deflection.lateral_max_m,
-        steps: simulation.deflection.steps,
+        steps: args.steps.unwrap_or(simulation.deflection.steps),
         drag_depths_m: simulation.drag_from.iter().map(|&i| simulation.depths_m[i]).collect(),
         touchable: touchable(&body, held, margin(&simulation)?)?,
     };
-    let simulate = |plan: &PointPlan| {
-        if CANCELLED.load(Ordering::Relaxed) {
-            return None;
-        }
-        solver.simulate(&TestPoint { node: 0, plan: plan.clone() }, &CANCELLED)
+    let bonded = match simulation.contact {
+        spec::Contact::Bonded { patch_radius_m } => Some(Contact::Bonded { patch_radius_m }),
+        _ => None,
     };
+    let own = args.own.then_some(&simulation);
+    let simulator = Cancellable { solver: &solver, bonded, own, cancelled: &CANCELLED };
     let jobs = args.jobs.map_or_else(cores, |n| n as usize);
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(jobs)
@@ -103,7 +156,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         .map_err(|e| anyhow!("{jobs} threads can't be started ({e}); give fewer --jobs"))?;
     let progress = Progress::default();
     progress.begin(trial.paths, 0);
-    let result = pool.install(|| validate(&body, &trial, &simulate, &|| progress.done(1)));
+    let result = pool.install(|| validate(&body, &trial, &simulator, &|| progress.done(1)));
     progress.end();
     if CANCELLED.load(Ordering::Relaxed) {
         return Err(Failure::Interrupted("stopped; nothing was written".into()));
@@ -117,8 +170,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.json {
         console::json(&validation)?;
     } else {
-        for measure in Measure::ALL {
-            console::text(&format!("{}\n{}", measure.words(), console::table(&validation.table(measure))))?;
+        for (title, rows) in validation.tables() {
+            console::text(&format!("{title}\n{}\n", console::table(&rows)))?;
         }
     }
     for path in validation.paths.iter().filter_map(|p| p.stopped.as_ref()).take(5) {
@@ -133,13 +186,49 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
+/// The spec's model and tool, until it is told to stop.
+struct Cancellable<'a> {
+    solver: &'a Elements,
+    /// The spec's contact, where it is that.
+    bonded: Option<Contact>,
+    /// Where each place's own potential is asked for.
+    own: Option<&'a Simulation>,
+    cancelled: &'a AtomicBool,
+}
+
+impl Cancellable<'_> {
+    /// What `simulate` finds, unless a signal came before.
+    fn unless_cancelled<T>(&self, simulate: impl FnOnce() -> Option<T>) -> Option<T> {
+        if self.cancelled.load(Ordering::Relaxed) { None } else { simulate() }
+    }
+}
+
+impl Simulator for Cancellable<'_> {
+    fn press(&self, plan: &PointPlan, sticking: bool) -> Option<PointPaths> {
+        let free = if sticking { Contact::Sticking } else { Contact::Frictionless };
+        let contact = self.bonded.unwrap_or(free);
+        let model = self.solver.model();
+        self.unless_cancelled(|| model.simulate(self.solver.tool(), contact, plan, self.cancelled))
+    }
+
+    fn follow(&self, plan: &FreePlan) -> Option<palpate_simulate::Path> {
+        let model = self.solver.model();
+        self.unless_cancelled(|| model.follow(self.solver.tool(), plan, self.cancelled))
+    }
+
+    fn own_plan(&self, point: DVec3, inward: DVec3) -> Option<PointPlan> {
+        Some(point_plan(self.own?, point, inward, true))
+    }
+}
+
 fn document(v: &Validation) -> String {
-    let tables = Measure::ALL.map(|m| format!("## {}\n\n{}\n", m.words(), v.markdown(m))).concat();
     format!(
-        "# {} random paths (seed {})\n\n{tables}\
+        "# {} random paths (history {}, seed {})\n\n{}\
          {} paths ended early and count as far as they went; {} have no state and count nowhere.\n",
         v.paths.len() + v.failed,
+        v.history.name(),
         v.seed,
+        v.markdown(),
         v.cut_short,
         v.failed
     )

@@ -158,7 +158,8 @@ pub fn table(cycles: &[Cycle]) -> String {
 /// A file that can't be written.
 pub fn picture(path: &Path, cycles: &[Cycle]) -> Result<()> {
     let lines = cycles.iter().take(SlipRule::ALL.len());
-    let lines = lines.map(|c| Line { name: c.slip.into(), points: c.course.clone() }).collect();
+    let line = |c: &Cycle| Line { name: c.slip.into(), points: c.course.clone(), ..Line::default() };
+    let lines = lines.map(line).collect();
     let chart = LineChart {
         title: "Press where it is soft, drag without friction, let go where it is stiff".into(),
         x_label: "time (s)".into(),
