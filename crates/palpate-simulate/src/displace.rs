@@ -1,6 +1,6 @@
 //! A deformation that is prescribed node by node: a body wrapped, sheared, or driven by a known solution.
 
-use crate::equilibrium::Failure;
+use crate::equilibrium::{Failure, RESIDUAL_TOLERANCE};
 use crate::load::Load;
 use crate::model::{Fixed, Model};
 use crate::path::Stop;
@@ -45,7 +45,7 @@ impl Model {
         let load = Load::Held(unknowns);
         for step in 1..=steps.max(1) {
             solver.predict_displacement(&load, &moved);
-            match solver.equilibrate(&load, cancelled) {
+            match solver.equilibrate(&load, RESIDUAL_TOLERANCE, cancelled) {
                 Ok(_) => {}
                 Err(Failure::Cancelled) => return None,
                 Err(failure) => {

@@ -16,8 +16,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Residual forces (their 2-norm over all free unknowns) are below this share of the reaction.
 pub const RESIDUAL_TOLERANCE: f64 = 1e-6;
 
-/// The same where a tool pushes: the penalty's own error is a thousand times as large.
-const TOOL_TOLERANCE: f64 = 1e-5;
+/// The same where a tool pushes: forces change by a tenth of it, and the penalty's own error is a hundred times as large.
+pub(crate) const TOOL_TOLERANCE: f64 = 1e-4;
 
 /// Newton steps for one equilibrium; beyond, the load step is cut.
 const MAX_NEWTON: u32 = 60;
@@ -334,8 +334,9 @@ impl<'m> Solver<'m> {
         }
     }
 
-    /// Brings the free unknowns to equilibrium under `load`, from where they are.
-    pub fn equilibrate(&mut self, load: &Load, cancelled: &AtomicBool) -> Result<u32, Failure> {
+    /// Brings the free unknowns to equilibrium under `load`, from where they are,
+    /// to a residual of `share` of the reaction.
+    pub fn equilibrate(&mut self, load: &Load, share: f64, cancelled: &AtomicBool) -> Result<u32, Failure> {
         let mut energy = self.assemble(load);
         if !energy.is_finite() {
             return Err(Failure::Inverted);
@@ -343,7 +344,6 @@ impl<'m> Solver<'m> {
         let mut last_norm = None;
         let mut watch = None;
         let before = self.counts.cg_iterations;
-        let share = if matches!(load, Load::Tool(_)) { TOOL_TOLERANCE } else { RESIDUAL_TOLERANCE };
         for iteration in 0..MAX_NEWTON {
             if cancelled.load(Ordering::Relaxed) {
                 return Err(Failure::Cancelled);

@@ -1,7 +1,7 @@
 //! Load paths: the tool is pressed in, and dragged, step by step.
 
 use crate::contact::{Anchors, Friction, Resultant, ToolContact};
-use crate::equilibrium::{Counts, Failure, Solver};
+use crate::equilibrium::{Counts, Failure, RESIDUAL_TOLERANCE, Solver, TOOL_TOLERANCE};
 use crate::load::Load;
 use crate::mesh::Boundary;
 use crate::model::{Fixed, Model};
@@ -22,8 +22,23 @@ const MAX_CG_ITERATIONS: u32 = 3000;
 /// Of the tool's force: what points that were caught, let go or limited anew change by less than that is worth no solve.
 const SETTLED: f64 = 1e-3;
 
+/// The residual, in parts of the reaction, of the first solve of a step, whose grip is a guess.
+const FIRST_TOLERANCE: f64 = 1e-2;
+
+/// Residuals up to which a state is exact enough to say what has left the tool.
+const RELEASE_TOLERANCE: f64 = 1e-4;
+
+/// Load steps to one state, unless some fail.
+const MAX_PIECES: f64 = 100.0;
+
 /// How often a step is solved again for that.
 const MAX_ROUNDS: u32 = 20;
+
+/// Load steps are no longer than this share of the tool's size, with friction that sticks and with Coulomb's: what comes into
+/// contact within a step is caught where it would have touched, to second order in the step. On an organ, under a sphere, steps
+/// half as long change forces by 0.2 and by 0.5 %.
+const STICKING_STEP: f64 = 0.12;
+const SLIPPING_STEP: f64 = 0.08;
 
 /// A path that turns by more begins anew: the states before say nothing about what follows.
 const STRAIGHT: f64 = 0.9;
@@ -311,6 +326,11 @@ impl From<DVec3> for Pose {
 }
 
 impl Pose {
+    /// m.
+    fn way_to(&self, other: &Pose) -> f64 {
+        self.offset.distance(other.offset) + TURN * self.rotation.angle_between(other.rotation)
+    }
+
     fn towards(&self, other: &Pose, share: f64) -> Pose {
         Pose {
             offset: self.offset.lerp(other.offset, share),
@@ -465,16 +485,30 @@ impl<'m, 't> LoadStepper<'m, 't> {
         self.trail.truncate(3);
     }
 
+    /// How many load steps the way to the target takes at least.
+    fn pieces(&self, target: &Target) -> f64 {
+        let Load::Tool(contact) = &self.load else { return 1.0 };
+        let share = match self.friction {
+            Friction::None => return 1.0,
+            Friction::Sticking => STICKING_STEP,
+            Friction::Coulomb(_) => SLIPPING_STEP,
+        };
+        let size = contact.tool().size_m(target.depth_m.max(0.0));
+        (self.at.way_to(&target.pose) / (share * size)).ceil().clamp(1.0, MAX_PIECES)
+    }
+
     /// Goes to the target, in smaller steps where the whole one fails.
     fn go(&mut self, target: &Target, cancelled: &AtomicBool) -> Result<State, Failure> {
-        let (from, mut done, mut step, mut cuts) = (self.at, 0.0, 1.0, 0);
+        let (from, mut done, mut cuts) = (self.at, 0.0, 0);
+        let longest = 1.0 / self.pieces(target);
+        let mut step = longest;
         let before = self.solver.counts;
         while done < 1.0 {
             let next = if done + step > 1.0 - 1e-9 { 1.0 } else { done + step };
             match self.advance(from.towards(&target.pose, next), cancelled) {
                 Ok(()) => {
                     done = next;
-                    step = (2.0 * step).min(1.0 - done).max(f64::EPSILON);
+                    step = (2.0 * step).min(longest).min(1.0 - done).max(f64::EPSILON);
                 }
                 Err(Failure::Cancelled) => return Err(Failure::Cancelled),
                 Err(failure) => {
@@ -482,7 +516,7 @@ impl<'m, 't> LoadStepper<'m, 't> {
                     let spent = self.solver.counts;
                     let tired = spent.newton - before.newton > MAX_NEWTON
                         || spent.cg_iterations - before.cg_iterations > MAX_CG_ITERATIONS;
-                    if tired || cuts > 2 * MAX_CUTS || step < 1.5 / f64::from(1u32 << MAX_CUTS) {
+                    if tired || cuts > 2 * MAX_CUTS || step < 1.5 * longest / f64::from(1u32 << MAX_CUTS) {
                         return Err(failure);
                     }
                     step /= 2.0;
@@ -496,7 +530,7 @@ impl<'m, 't> LoadStepper<'m, 't> {
     fn advance(&mut self, to: Pose, cancelled: &AtomicBool) -> Result<(), Failure> {
         let old = self.snapshot();
         let move_by = to.offset - self.at.offset;
-        let way = move_by.length() + TURN * self.at.rotation.angle_between(to.rotation);
+        let way = self.at.way_to(&to);
         let turned = move_by.normalize_or_zero().dot(self.direction) < STRAIGHT;
         if turned && self.trail.len() > 1 {
             self.trail.truncate(1);
@@ -524,6 +558,7 @@ impl<'m, 't> LoadStepper<'m, 't> {
         }
         if let Load::Tool(contact) = &mut self.load {
             self.resultant = contact.resultant(self.solver.model, &self.solver.u);
+            contact.release(self.solver.model, &self.solver.u);
             contact.slip(self.solver.model, &self.solver.u);
         }
         self.at = to;
@@ -537,28 +572,42 @@ impl<'m, 't> LoadStepper<'m, 't> {
     fn settle(&mut self, old: &Snapshot, cancelled: &AtomicBool) -> Result<(), Failure> {
         let friction = self.friction;
         let before = self.start.moved(old.at.offset, old.at.rotation);
+        let (Load::Tool(_), true) = (&self.load, friction != Friction::None) else {
+            let share = if matches!(self.load, Load::Tool(_)) { TOOL_TOLERANCE } else { RESIDUAL_TOLERANCE };
+            return self.solver.equilibrate(&self.load, share, cancelled).map(|_| ());
+        };
+        // What touches on the way is caught as the guess has it, before the first solve.
+        let mut share = FIRST_TOLERANCE;
+        if let Load::Tool(contact) = &mut self.load {
+            // Of the pressures the guess knows nothing: only what sticks holds already.
+            let guess = if friction == Friction::Sticking { friction } else { Friction::None };
+            contact.catch(self.solver.model, &self.solver.u, Some((&before, &old.u)), guess);
+        }
         for _ in 0..MAX_ROUNDS {
-            let model = self.solver.model;
-            if let (Load::Tool(contact), true) = (&mut self.load, friction != Friction::None) {
-                // As the guess has it: so that what touches on the way is caught before the first solve.
-                contact.catch(model, &self.solver.u, Some((&before, &old.u)), friction);
-            }
-            self.solver.equilibrate(&self.load, cancelled)?;
-            let (Load::Tool(contact), true) = (&mut self.load, friction != Friction::None) else {
-                return Ok(());
-            };
-            let u = &self.solver.u;
-            let force = contact.resultant(model, u).force_n.length().max(model.least_force_n);
-            let mut changed = contact.release(model, u);
-            if let Friction::Coulomb(_) = friction {
-                changed += contact.limit(model, u, friction);
-            }
-            changed += contact.catch(model, u, Some((&before, &old.u)), friction);
-            if changed <= SETTLED * force {
+            self.solver.equilibrate(&self.load, share, cancelled)?;
+            // An inexact state lets nothing go: what came back would have lost its place on the tool.
+            let changed = self.regrip(&before, &old.u, share <= RELEASE_TOLERANCE);
+            if changed <= SETTLED && share <= TOOL_TOLERANCE {
                 return Ok(());
             }
+            share = (0.1 * changed).clamp(TOOL_TOLERANCE, FIRST_TOLERANCE);
         }
         Err(Failure::Slow)
+    }
+
+    /// Catches, lets go and limits as the state at hand asks for; the change of forces along the tool, in parts of its force.
+    fn regrip(&mut self, before: &Placement, u_before: &[f64], release: bool) -> f64 {
+        let (model, u, friction) = (self.solver.model, &self.solver.u, self.friction);
+        let Load::Tool(contact) = &mut self.load else { return 0.0 };
+        let force = contact.resultant(model, u).force_n.length().max(model.least_force_n);
+        let mut changed = match friction {
+            // Without pressure nothing is held: what comes back within the step has not lost its place.
+            Friction::Coulomb(_) => contact.limit(model, u, friction),
+            _ if release => contact.release(model, u),
+            _ => 0.0,
+        };
+        changed += contact.catch(model, u, Some((before, u_before)), friction);
+        changed / force
     }
 
     /// The stuck tangent here, with a factor of its own; `indefinite` comes true where the energy curves downwards.
