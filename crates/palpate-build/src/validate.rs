@@ -296,8 +296,13 @@ impl<'a> Ground<'a> {
         if elements.is_empty() {
             bail!("no part of the surface can be touched; leave a part of it free of supports");
         }
-        let test_points: Vec<DVec3> =
-            body.test_point_nodes().iter().map(|&n| body.nodes()[n as usize].position).collect();
+        // Of a coupled law other nodes have potentials, too, made from those of the places that were simulated.
+        let simulated = body.provenance().potential_errors.iter().map(|place| place.node);
+        let mut nodes: Vec<u32> = simulated.filter(|&n| (n as usize) < body.nodes().len()).collect();
+        if nodes.is_empty() {
+            nodes = body.test_point_nodes().to_vec();
+        }
+        let test_points: Vec<DVec3> = nodes.iter().map(|&n| body.nodes()[n as usize].position).collect();
         let apart = 0.15 * (area / test_points.len() as f64).sqrt();
         Ok(Ground { body, elements, area, apart, test_points })
     }

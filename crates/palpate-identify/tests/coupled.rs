@@ -39,7 +39,7 @@ fn known(u: DVec3, stiff: f64) -> Potential {
         stiffness: [held(40.0), held(5.0), held(60.0)],
         cubic: [held(500.0), held(-300.0), held(200.0), held(900.0)],
         quartic: held(3e4),
-        friction: Curve::hermite(&knots, &vec![0.3; 25], &[0.0; 25], Extension::Constant).unwrap(),
+        friction: Curve::hermite(&knots, &[0.3; 25], &[0.0; 25], Extension::Constant).unwrap(),
     }
 }
 
