@@ -61,8 +61,9 @@ pub(crate) struct Simulated<'a> {
     pub locals: &'a [Local<'a>],
     pub potentials: &'a [Potential],
     pub range_m: f64,
-    /// Of the prior's stiffness.
+    /// Of the prior's stiffness, and between which ends of it.
     power: f64,
+    ends: [f64; 2],
     powers: Option<Powers>,
 }
 
@@ -73,6 +74,25 @@ struct Powers {
     lateral: f64,
     /// Of a change of lateral to normal force at rest, the part that comes with a change of place.
     coupling: f64,
+    /// Between which ends of the stiffness at rest they hold, and up to which ratio of lateral to normal force.
+    normal_ends: [f64; 2],
+    lateral_ends: [f64; 2],
+    most_coupling: f64,
+}
+
+/// How many times stiffer or softer at rest than any test point a place may be: what holds beyond nobody knows, and on supports
+/// nothing gives way.
+const MARGIN: f64 = 2.0;
+
+/// The least and the greatest of test points' values, and so much beyond.
+fn ends(values: &[f64]) -> [f64; 2] {
+    let [low, high] =
+        values.iter().fold([f64::INFINITY, 0.0], |[low, high], v: &f64| [low.min(*v), v.max(high)]);
+    [low / MARGIN, high * MARGIN]
+}
+
+fn within(value: f64, [low, high]: [f64; 2]) -> f64 {
+    value.max(low).min(high)
 }
 
 /// The stiffness at rest: along the normal and across it, N/m, and the lateral force in parts of the normal one.
@@ -109,15 +129,17 @@ struct Place {
 
 /// Where places' forces are compared, as a share of the greatest depth.
 const DEEP: f64 = 0.6;
+
 impl<'a> Simulated<'a> {
     pub fn new(prior: Prior<'a>, locals: &'a [Local<'a>], potentials: &'a [Potential], range_m: f64) -> Self {
-        let mut all = Simulated { prior, locals, potentials, range_m, power: 0.0, powers: None };
+        let mut all =
+            Simulated { prior, locals, potentials, range_m, power: 0.0, ends: [0.0; 2], powers: None };
         all.powers = all.found_powers();
         if !prior.stiffness.is_empty() {
             let own: Vec<f64> = locals.iter().map(|l| prior.stiffness[l.record.node as usize]).collect();
             let forces: Vec<f64> = (0..locals.len()).map(|i| all.deep_force(i)).collect();
             if forces.iter().all(|f| *f > 0.0) {
-                all.power = prior_power(&own, &forces);
+                (all.power, all.ends) = (prior_power(&own, &forces), ends(&own));
             }
         }
         all
@@ -143,10 +165,14 @@ impl<'a> Simulated<'a> {
             return None;
         }
         let of = |of: fn(&Rest) -> f64| rest.iter().map(of).collect::<Vec<f64>>();
+        let (normals, laterals) = (of(|r| r.normal), of(|r| r.lateral));
         Some(Powers {
-            normal: prior_power(&of(|r| r.normal), &normal),
-            lateral: prior_power(&of(|r| r.lateral), &lateral),
+            normal: prior_power(&normals, &normal),
+            lateral: prior_power(&laterals, &lateral),
             coupling: if square > 0.0 { both / square } else { 0.0 },
+            normal_ends: ends(&normals),
+            lateral_ends: ends(&laterals),
+            most_coupling: of(|r| r.coupling[0].hypot(r.coupling[1])).into_iter().fold(0.0, f64::max),
         })
     }
 
@@ -154,7 +180,14 @@ impl<'a> Simulated<'a> {
     fn with_compliance(&self, at: &Place, parts: &[(usize, f64, Potential)]) -> Option<Potential> {
         let powers = self.powers?;
         let [u, ..] = at.axes;
-        let here = Rest::new(self.prior.compliance.get(at.node)?, at.axes)?;
+        let rest = Rest::new(self.prior.compliance.get(at.node)?, at.axes)?;
+        let [x, y] = rest.coupling;
+        let less = (powers.most_coupling / x.hypot(y).max(f64::MIN_POSITIVE)).min(1.0);
+        let here = Rest {
+            normal: within(rest.normal, powers.normal_ends),
+            lateral: within(rest.lateral, powers.lateral_ends),
+            coupling: [less * x, less * y],
+        };
         let knots = parts.first()?.2.press.knots();
         let mut scaled = Vec::new();
         for (t, weight, potential) in parts {
@@ -217,7 +250,7 @@ impl<'a> Simulated<'a> {
             Normalisation::None => None,
             Normalisation::Stiffness => {
                 let stiffness = |n: usize| self.prior.stiffness[n];
-                let here = stiffness(at.node);
+                let here = within(stiffness(at.node), self.ends);
                 let scale =
                     |t: usize| libm::pow(here / stiffness(self.locals[t].record.node as usize), self.power);
                 blended(&parts, scale).ok()

@@ -373,7 +373,11 @@ fn places_between_test_points_follow_the_compliance_at_rest() {
 /// are the same again.
 #[test]
 fn test_points_are_added_where_the_others_predict_worst() {
-    let (surface, _, potentials) = varied();
+    // Stiff on one side.
+    let surface = ball();
+    let places = surface.positions().iter().zip(surface.inward_normals());
+    let stiff = |p: &DVec3| 1.0 + 1.5 / (1.0 + libm::exp(-600.0 * (p.x - 5e-3)));
+    let potentials: Vec<Potential> = places.map(|(p, &u)| known(u, stiff(p))).collect();
     let touchable = cap(&surface);
     let start = test_points(&surface, &touchable, Amount::Count(8), None).unwrap();
     let grown = |tolerance: f64, most: usize| {
@@ -405,6 +409,29 @@ fn test_points_are_added_where_the_others_predict_worst() {
     let told = CoupledOptions { first: Some(start.len()), ..options() };
     let by_count = fit_coupled(&surface, &records, &told).unwrap().interpolation.unwrap().by_count;
     let counts: Vec<u32> = by_count.iter().map(|c| c.test_points).collect();
+    println!("{by_count:.2?}");
     assert_eq!((counts[0], counts[counts.len() - 1]), (8, nodes.len() as u32), "{by_count:?}");
     assert!(by_count[by_count.len() - 1].p95_percent < by_count[0].p95_percent, "{by_count:?}");
+}
+
+/// On a support nothing gives way. A node there once got a potential of 389 million N/m: powers go no farther than test points do.
+#[test]
+fn a_support_makes_no_place_stiffer_than_test_points_tell() {
+    let (surface, mut compliance, potentials) = varied();
+    let nodes = test_points(&surface, &cap(&surface), Amount::Count(40), None).unwrap();
+    let held = (0..compliance.len()).filter(|&n| surface.inward_normals()[n].z < 0.0).collect::<Vec<_>>();
+    held.iter().for_each(|&n| compliance[n] *= 1e-9);
+    let along = compliance.iter().zip(surface.inward_normals()).map(|(s, u)| 1.0 / u.dot(*s * *u));
+    let stiffness: Vec<f64> = along.collect();
+    let options = CoupledOptions { stiffness: &stiffness, compliance: &compliance, ..options() };
+    let records = simulated(&surface, &potentials, &nodes);
+    let fit = fit_coupled(&surface, &records, &options).unwrap();
+    assert!(fit.law.potentials.len() > nodes.len());
+    let greatest = |all: &[Potential]| {
+        let bounds = all.iter().flat_map(|p| p.stiffness_bounds(RANGE));
+        bounds.fold(0.0, f64::max)
+    };
+    let (places, all) = (greatest(&fit.law.potentials[..nodes.len()]), greatest(&fit.law.potentials));
+    println!("{places:.0} N/m at test points, {all:.0} N/m anywhere");
+    assert!(all < 8.0 * places, "{all} {places}");
 }
