@@ -7,8 +7,9 @@ mod support;
 
 use glam::DVec3;
 use palpate_body::{
-    BlendWeights, Body, BodyParts, BodySource, CoupledLaw, Curve, Extension, Interpolation, PointErrors,
-    Provenance, Response, SlipRule, StoredBody, Surface, Tensor, Tool, TriangleMesh, tensor,
+    BlendWeights, Body, BodyParts, BodySource, CoupledLaw, Curve, Extension, Interpolation,
+    InterpolationErrors, LeftOut, PointErrors, PotentialErrors, Provenance, Response, SlipRule, StoredBody,
+    Surface, Tensor, Tool, TriangleMesh, tensor,
 };
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -133,6 +134,15 @@ fn made(
                 .into(),
             notes: vec!["nothing was repaired".into()],
             point_errors: vec![PointErrors { largest_force_n: 0.1 + 0.2, ..Default::default() }],
+            potential_errors: vec![PotentialErrors { largest_force_n: 0.1 + 0.2, ..Default::default() }],
+            interpolation: Some(InterpolationErrors {
+                left_out: vec![LeftOut {
+                    normalisation: "none".into(),
+                    mean_percent: 0.7,
+                    ..Default::default()
+                }],
+                by_count: Vec::new(),
+            }),
         },
     })
     .unwrap()
@@ -197,6 +207,8 @@ fn old_files_are_read() {
         // Programs of that time knew no errors of a fit.
         let mut parts = body.parts();
         parts.provenance.point_errors.clear();
+        parts.provenance.potential_errors.clear();
+        parts.provenance.interpolation = None;
         // Nor a tank.
         let body = Body::new(parts).unwrap().with_tank(false);
         let path = files.join(name).with_extension("body");

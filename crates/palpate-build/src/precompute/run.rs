@@ -38,8 +38,11 @@ pub struct Rounds {
     /// So many in all, at most.
     pub most: usize,
     /// The next ones, from the paths of all so far and from nothing else; none when they are enough.
-    pub next: Box<dyn Fn(&BTreeMap<u32, Point>) -> Result<Vec<TestPoint>> + Sync>,
+    pub next: Box<NextPoints>,
 }
+
+/// From the points that are done, by index, to the next ones.
+pub type NextPoints = dyn Fn(&BTreeMap<u32, Point>) -> Result<Vec<TestPoint>> + Sync;
 
 /// A share of the test points: those whose index is `number` − 1, modulo `of`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
