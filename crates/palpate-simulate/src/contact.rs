@@ -136,6 +136,10 @@ impl<'t> ToolContact<'t> {
         ToolContact { tool, placement, faces: faces.collect(), rule: rule(), anchors: Vec::new() }
     }
 
+    pub fn tool(&self) -> &RigidTool {
+        self.tool
+    }
+
     fn distance(&self, at: DVec3) -> f64 {
         self.placement.distance_at(self.tool, at).value
     }

@@ -28,8 +28,17 @@ const FIRST_TOLERANCE: f64 = 1e-2;
 /// Residuals up to which a state is exact enough to say what has left the tool.
 const RELEASE_TOLERANCE: f64 = 1e-4;
 
+/// Load steps to one state, unless some fail.
+const MAX_PIECES: f64 = 100.0;
+
 /// How often a step is solved again for that.
 const MAX_ROUNDS: u32 = 20;
+
+/// Load steps are no longer than this share of the tool's size, with friction that sticks and with Coulomb's: what comes into
+/// contact within a step is caught where it would have touched, to second order in the step. On an organ, under a sphere, steps
+/// half as long change forces by 0.2 and by 0.5 %.
+const STICKING_STEP: f64 = 0.12;
+const SLIPPING_STEP: f64 = 0.08;
 
 /// A path that turns by more begins anew: the states before say nothing about what follows.
 const STRAIGHT: f64 = 0.9;
@@ -317,6 +326,11 @@ impl From<DVec3> for Pose {
 }
 
 impl Pose {
+    /// m.
+    fn way_to(&self, other: &Pose) -> f64 {
+        self.offset.distance(other.offset) + TURN * self.rotation.angle_between(other.rotation)
+    }
+
     fn towards(&self, other: &Pose, share: f64) -> Pose {
         Pose {
             offset: self.offset.lerp(other.offset, share),
@@ -471,16 +485,30 @@ impl<'m, 't> LoadStepper<'m, 't> {
         self.trail.truncate(3);
     }
 
+    /// How many load steps the way to the target takes at least.
+    fn pieces(&self, target: &Target) -> f64 {
+        let Load::Tool(contact) = &self.load else { return 1.0 };
+        let share = match self.friction {
+            Friction::None => return 1.0,
+            Friction::Sticking => STICKING_STEP,
+            Friction::Coulomb(_) => SLIPPING_STEP,
+        };
+        let size = contact.tool().size_m(target.depth_m.max(0.0));
+        (self.at.way_to(&target.pose) / (share * size)).ceil().clamp(1.0, MAX_PIECES)
+    }
+
     /// Goes to the target, in smaller steps where the whole one fails.
     fn go(&mut self, target: &Target, cancelled: &AtomicBool) -> Result<State, Failure> {
-        let (from, mut done, mut step, mut cuts) = (self.at, 0.0, 1.0, 0);
+        let (from, mut done, mut cuts) = (self.at, 0.0, 0);
+        let longest = 1.0 / self.pieces(target);
+        let mut step = longest;
         let before = self.solver.counts;
         while done < 1.0 {
             let next = if done + step > 1.0 - 1e-9 { 1.0 } else { done + step };
             match self.advance(from.towards(&target.pose, next), cancelled) {
                 Ok(()) => {
                     done = next;
-                    step = (2.0 * step).min(1.0 - done).max(f64::EPSILON);
+                    step = (2.0 * step).min(longest).min(1.0 - done).max(f64::EPSILON);
                 }
                 Err(Failure::Cancelled) => return Err(Failure::Cancelled),
                 Err(failure) => {
@@ -488,7 +516,7 @@ impl<'m, 't> LoadStepper<'m, 't> {
                     let spent = self.solver.counts;
                     let tired = spent.newton - before.newton > MAX_NEWTON
                         || spent.cg_iterations - before.cg_iterations > MAX_CG_ITERATIONS;
-                    if tired || cuts > 2 * MAX_CUTS || step < 1.5 / f64::from(1u32 << MAX_CUTS) {
+                    if tired || cuts > 2 * MAX_CUTS || step < 1.5 * longest / f64::from(1u32 << MAX_CUTS) {
                         return Err(failure);
                     }
                     step /= 2.0;
@@ -502,7 +530,7 @@ impl<'m, 't> LoadStepper<'m, 't> {
     fn advance(&mut self, to: Pose, cancelled: &AtomicBool) -> Result<(), Failure> {
         let old = self.snapshot();
         let move_by = to.offset - self.at.offset;
-        let way = move_by.length() + TURN * self.at.rotation.angle_between(to.rotation);
+        let way = self.at.way_to(&to);
         let turned = move_by.normalize_or_zero().dot(self.direction) < STRAIGHT;
         if turned && self.trail.len() > 1 {
             self.trail.truncate(1);

@@ -119,6 +119,19 @@ impl RigidTool {
         }
     }
 
+    /// How far, roughly, its surface bends within the contact when it is pressed so deep, m; without bound where the shape doesn't
+    /// tell.
+    pub(crate) fn size_m(&self, depth_m: f64) -> f64 {
+        match *self {
+            RigidTool::Sphere { radius_m } | RigidTool::Capsule { radius_m, .. } => radius_m,
+            RigidTool::FlatPunch { radius_m, .. } => radius_m,
+            RigidTool::Cone { half_angle_rad, tip_radius_m } => {
+                tip_radius_m.max(depth_m * libm::tan(half_angle_rad).min(1.0))
+            }
+            RigidTool::Other(_) => f64::INFINITY,
+        }
+    }
+
     /// Checks the lengths and the angle.
     ///
     /// # Errors

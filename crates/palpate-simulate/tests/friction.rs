@@ -1,0 +1,169 @@
+//! Friction under a sphere on a half space, against closed forms: stuck stiffness (Mindlin 1949), partial slip (Cattaneo 1938,
+//! Mindlin 1949), reciprocity (Betti), the friction cone, and what a loop dissipates.
+
+mod support;
+
+use glam::{DQuat, DVec3};
+use palpate_body::shape::Shape;
+use palpate_simulate::mesh::shape::fill;
+use palpate_simulate::mesh::stuffing::{Ball, FillOptions};
+use palpate_simulate::{
+    Contact, Drag, FreePlan, FreePose, Material, Model, Path, PointPaths, PointPlan, RigidTool, StuckTangent,
+};
+use std::sync::atomic::AtomicBool;
+use support::hold;
+
+const YOUNG_PA: f64 = 1e4;
+const RADIUS_M: f64 = 0.1;
+const DEPTH_M: f64 = 1e-4;
+const POISSON: f64 = 0.3;
+
+/// A half of a half space that is cut along y = 0, finer around the origin, where the sphere touches.
+fn half_space() -> Model {
+    let contact = (RADIUS_M * DEPTH_M).sqrt();
+    let side = 100.0 * contact;
+    let block = Shape::Block { size_mm: [1e3 * side, 0.5e3 * side, 0.5e3 * side] };
+    let centre = DVec3::new(0.0, -0.25, 0.25) * side;
+    let mut options = FillOptions::new(side / 4.0);
+    options.finer.push(Ball { centre, radius_m: 1.1 * contact, edge_m: contact / 3.0 });
+    let (mut mesh, _) = fill(&block, &options).unwrap();
+    mesh.positions.iter_mut().for_each(|p| *p -= centre);
+    println!("{} nodes", mesh.positions.len());
+    let low = 0.5 * side * (1.0 - 1e-9);
+    let fixed = hold(&mesh, |p| {
+        let far = p.z < -low || p.x.abs() > low || p.y > low;
+        [far, far || p.y < 1e-9 * side, far]
+    });
+    Model::new(mesh, vec![Material::linear(YOUNG_PA, POISSON).unwrap()], &fixed).unwrap()
+}
+
+fn pressed(model: &Model, contact: Contact, depths: &[f64], drags: Vec<Drag>) -> PointPaths {
+    let plan = PointPlan { point: DVec3::ZERO, inward: DVec3::NEG_Z, depths: depths.to_vec(), drags };
+    let tool = RigidTool::Sphere { radius_m: RADIUS_M };
+    model.simulate(&tool, contact, &plan, &AtomicBool::new(false)).unwrap()
+}
+
+fn led(model: &Model, friction: f64, offsets: &[DVec3]) -> Path {
+    let poses = offsets.iter().map(|&offset| FreePose { offset, rotation: DQuat::IDENTITY }).collect();
+    let plan = FreePlan { point: DVec3::ZERO, inward: DVec3::NEG_Z, poses, friction: vec![(0.0, friction)] };
+    let tool = RigidTool::Sphere { radius_m: RADIUS_M };
+    let path = model.follow(&tool, &plan, &AtomicBool::new(false)).unwrap();
+    assert_eq!(path.stopped, None);
+    path
+}
+
+/// Depths whose contact radii grow evenly.
+fn depths(steps: u32) -> Vec<f64> {
+    (1..=steps).map(|k| DEPTH_M * (f64::from(k) / f64::from(steps)).powi(2)).collect()
+}
+
+fn last_tangent(paths: &PointPaths) -> StuckTangent {
+    **paths.press.states.last().unwrap().tangent.as_ref().unwrap()
+}
+
+/// k_t/k_n = 2(1 − ν)/(2 − ν), whatever the contact's size.
+#[test]
+fn stuck_stiffness_is_mindlins() {
+    let model = half_space();
+    let tangent = last_tangent(&pressed(&model, Contact::Sticking, &depths(4), Vec::new()));
+    let found = tangent[0][0] / tangent[2][2];
+    let expected = 2.0 * (1.0 - POISSON) / (2.0 - POISSON);
+    println!("k_t/k_n = {found:.4}, Mindlin {expected:.4}: {:+.2} %", 100.0 * (found / expected - 1.0));
+    assert!((found / expected - 1.0).abs() < 0.015, "{found} against {expected}");
+}
+
+/// The tangent is the derivative of the force: a drag of a hundredth of the depth finds the same, in all its components, and it is
+/// symmetric (Betti), though the two drags share nothing with it but the pressed state.
+#[test]
+fn the_stuck_tangent_is_the_forces_derivative() {
+    let model = half_space();
+    let step = 0.01 * DEPTH_M;
+    let drags = vec![
+        Drag { from: 2, direction: DVec3::X, distances: vec![step] },
+        Drag { from: 2, direction: DVec3::NEG_X, distances: vec![step] },
+    ];
+    let depths = [0.5 * DEPTH_M, 0.99 * DEPTH_M, DEPTH_M, 1.01 * DEPTH_M];
+    let paths = pressed(&model, Contact::Sticking, &depths, drags);
+    let states = &paths.press.states;
+    let tangent = states[2].tangent.as_ref().unwrap();
+    let [forth, back] = [0, 1].map(|i| paths.drags[i].states[0].force_n);
+    let lateral = (forth - back) / (2.0 * step);
+    let pressing = (states[3].force_n - states[1].force_n) / -(2.0 * step);
+    println!("by x {lateral} against {:?}, by z {pressing} against {:?}", tangent[0], tangent[2]);
+    let size = tangent[2][2];
+    for i in 0..3 {
+        assert!((lateral[i] - tangent[0][i]).abs() < 2e-3 * size, "{lateral} against {:?}", tangent[0]);
+        // New contact is born without traction: the press's slope is the frozen contact's.
+        assert!((pressing[i] - tangent[2][i]).abs() < 1e-2 * size, "{pressing} against {:?}", tangent[2]);
+    }
+    for i in 0..6 {
+        for j in 0..i {
+            let mean = (tangent[i][i] * tangent[j][j]).sqrt();
+            assert!((tangent[i][j] - tangent[j][i]).abs() < 1e-6 * mean, "({i}, {j}) of {tangent:?}");
+        }
+    }
+}
+
+/// f_t/(μ f_n) = 1 − (1 − k_t δ/(1.5 μ f_n))^1.5 up to 1.5 μ f_n/k_t, from where all slips.
+#[test]
+fn partial_slip_is_cattaneo_mindlins() {
+    const FRICTION: f64 = 0.2;
+    const STEPS: u32 = 6;
+    let model = half_space();
+    let paths = pressed(&model, Contact::Sticking, &depths(4), Vec::new());
+    let stuck = last_tangent(&paths)[0][0];
+    let press = depths(4).into_iter().map(|depth| DVec3::NEG_Z * depth);
+    let limit = FRICTION * -paths.press.states.last().unwrap().force_n.z;
+    let slides = 1.5 * limit / stuck;
+    let way = (1..=STEPS)
+        .map(|k| DVec3::NEG_Z * DEPTH_M + DVec3::X * (1.2 * slides * f64::from(k) / f64::from(STEPS)));
+    let path = led(&model, FRICTION, &press.chain(way).collect::<Vec<_>>());
+    for state in &path.states[4..] {
+        let limit = FRICTION * -state.force_n.z;
+        let expected = 1.0 - (1.0 - state.distance_m / slides).max(0.0).powf(1.5);
+        let found = state.force_n.x / limit;
+        println!(
+            "δ = {:.2}: {found:.4}, Cattaneo–Mindlin {expected:.4}, slipping {:.2}",
+            state.distance_m / slides,
+            state.slipping
+        );
+        assert!((found - expected).abs() < 0.02, "{found} against {expected}");
+        // Slip grows from the rim inwards; the cone is never left.
+        assert!(state.force_n.truncate().length() <= FRICTION * state.pressed_n * (1.0 + 1e-3));
+    }
+    let slipping: Vec<f64> = path.states[4..].iter().map(|s| s.slipping).collect();
+    assert!(slipping[0] < 0.5 && slipping[STEPS as usize - 1] > 0.999, "{slipping:?}");
+}
+
+/// Forth, back and forth again beyond slip: the force depends on the way, and a closed loop takes work.
+#[test]
+fn a_sliding_loop_dissipates() {
+    let model = half_space();
+    let press = depths(3).into_iter().map(|depth| DVec3::NEG_Z * depth);
+    let turns = [1.0, 2.0, 1.0, 0.0, -1.0, -2.0, -1.0, 0.0, 1.0, 2.0];
+    let way = turns.map(|x| DVec3::NEG_Z * DEPTH_M + DVec3::X * (0.2 * x * DEPTH_M));
+    let path = led(&model, 0.2, &press.chain(way).collect::<Vec<_>>());
+    let lateral: Vec<f64> = path.states[3..].iter().map(|s| s.force_n.x).collect();
+    let loop_ = 1..10;
+    let work: f64 = loop_
+        .clone()
+        .skip(1)
+        .map(|i| 0.5 * (lateral[i] + lateral[i - 1]) * 0.2 * DEPTH_M * (turns[i] - turns[i - 1]))
+        .sum();
+    let largest = lateral.iter().fold(0.0f64, |m, f| m.max(f.abs()));
+    println!("{lateral:?} N, work {work:.3e} J");
+    assert!((lateral[1] - lateral[9]).abs() < 0.01 * largest, "the loop does not close: {lateral:?}");
+    assert!(work > largest * 0.2 * DEPTH_M, "{work} J");
+}
+
+/// Drawn back and pressed in again the contact is another, and without contact there is no force; overlap at rest is backed off.
+#[test]
+fn contact_is_lost_and_found() {
+    let model = half_space();
+    let z = [1e-2, -1.0, 0.5, -1.0].map(|depth| DVec3::Z * (depth * DEPTH_M));
+    let path = led(&model, 0.2, &z);
+    let forces: Vec<f64> = path.states.iter().map(|s| -s.force_n.z).collect();
+    println!("{forces:?}");
+    assert!(forces[0] == 0.0 && forces[2] == 0.0 && path.states[2].patch_m2 == 0.0);
+    assert!(forces[1] > 0.0 && (forces[3] / forces[1] - 1.0).abs() < 1e-3);
+}
