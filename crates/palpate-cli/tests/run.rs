@@ -5,7 +5,7 @@ use glam::DVec3;
 use palpate_body::shape::{Resolution, Shape};
 use palpate_build::paths_file::{PathsPlan, PathsRecord, Scene, TestPoint};
 use palpate_build::precompute::{
-    Options, PointSolver, Prepared, Shard, Stopped, assemble, merge, prepare, run,
+    Options, PointSolver, Prepared, Rounds, Shard, Stopped, assemble, merge, prepare, run,
 };
 use palpate_build::spec::Spec;
 use palpate_cli::commands::Failure;
@@ -302,6 +302,64 @@ fn a_stopped_run_goes_on() {
     // With nothing begun, --resume begins.
     let directory = tempfile::tempdir().unwrap();
     assert!(whole(&Options { resume: true, ..options(directory.path()) }) == expected);
+}
+
+/// Test points in rounds: 6 to begin with, and more until there are 24, each from what came of those before.
+fn in_rounds() -> Prepared<Fake> {
+    let Prepared { scene, mut points, solver, .. } = prepared(Duration::ZERO);
+    let all = points.clone();
+    points.truncate(6);
+    let next = move |done: &BTreeMap<u32, palpate_build::paths_file::Point>| {
+        let states: usize = done.values().map(|p| p.paths().press.states.len()).sum();
+        let end = (done.len() + 1 + states % 5).min(POINTS);
+        Ok(all[done.len()..end].to_vec())
+    };
+    Prepared { scene, points, solver, rounds: Some(Rounds { most: 30, next: Box::new(next) }) }
+}
+
+#[test]
+fn rounds_of_test_points_go_on_where_they_were_stopped() {
+    let never = AtomicBool::new(false);
+    let finish = |options: &Options| {
+        let (record, workspace) = run::run(&plan(), options, || Ok(in_rounds()), &(), &never).unwrap();
+        workspace.finish(&()).unwrap();
+        assert_eq!((record.points.len(), record.total), (POINTS, POINTS as u32));
+        (fs::read(&options.record).unwrap(), assemble::body(&record).unwrap().body.to_bytes().unwrap())
+    };
+    let directory = tempfile::tempdir().unwrap();
+    // The same as if all had been known.
+    assert!(finish(&options(directory.path())) == expected());
+
+    struct Few(Fake, usize);
+    impl PointSolver for Few {
+        fn simulate(&self, point: &TestPoint, cancelled: &AtomicBool) -> Option<PointPaths> {
+            if self.0.solved.load(Ordering::SeqCst) >= self.1 {
+                cancelled.store(true, Ordering::SeqCst);
+                return None;
+            }
+            self.0.simulate(point, &AtomicBool::new(false))
+        }
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let resumed = Options { resume: true, jobs: 1, ..options(directory.path()) };
+    for count in [4, 7] {
+        let few = || {
+            let Prepared { scene, points, solver, rounds } = in_rounds();
+            Ok(Prepared { scene, points, solver: Few(solver, count), rounds })
+        };
+        let stopped = run::run(&plan(), &resumed, few, &(), &AtomicBool::new(false));
+        assert!(matches!(stopped, Err(Stopped::Cancelled { .. })));
+    }
+    assert!(finish(&resumed) == expected());
+
+    let directory = tempfile::tempdir().unwrap();
+    let sharded = Options { shard: Some(Shard { number: 1, of: 2 }), ..options(directory.path()) };
+    let refused = match run::run(&plan(), &sharded, || Ok(in_rounds()), &(), &never) {
+        Err(Stopped::Error(e)) => palpate_files::message(&e),
+        other => panic!("{:?}", other.map(|_| ())),
+    };
+    assert!(refused.contains("tolerance_percent") && refused.contains("run without --shard"), "{refused}");
+    assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 0);
 }
 
 #[test]

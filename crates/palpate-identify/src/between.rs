@@ -1,19 +1,15 @@
 //! Potentials between test points (LAW 5): what varies most from place to place is known everywhere for little, the body's
 //! compliance at rest. Potentials of places around are made those of a place with its compliance, and then blended.
 //!
-//! *Stiffness:* the potentials are scaled by a power of the stiffness at rest along the normal, the power that fits the test
-//! points best.
+//! *Stiffness:* the potentials are scaled by a power of the stiffness at rest along the normal.
 //!
-//! *Compliance:* a place that gives way by S f more than another under the same force f meets that force S f farther in, and is
-//! like it in series with a spring: of a state with the deflection x, the force f and the stuck stiffness T the place has a
-//! state x + S f, f, T (1 + S T)⁻¹. That holds for all that is small deformation far from the tool, which is what varies.
+//! *Compliance:* F and b go with a power of the stiffness at rest along the normal, K, C and Q with one of the stiffness across it,
+//! and the lateral force of a press changes, in parts of the normal one, as that of the body at rest does. Powers and part are
+//! those that fit the test points best.
 
-use crate::coupled::{Local, carried_to, with_higher_terms};
+use crate::coupled::{Local, carried_to};
 use crate::error::FitError;
 use crate::paths::prior_power;
-use crate::potential::{
-    ContactSample, ContactStiffness, PotentialOptions, UP_TO_STIFFNESS, fit_stuck, length,
-};
 use crate::spread::{neighbours, place, spread_everywhere};
 use glam::{DMat3, DQuat, DVec3};
 use palpate_body::{BlendWeights, CountErrors, Curve, InterpolationErrors, LeftOut, Potential, Surface};
@@ -27,7 +23,7 @@ pub enum Normalisation {
     None,
     /// Scaled by a power of the stiffness at rest along the normal.
     Stiffness,
-    /// Put in series with the difference of the compliances at rest, of three axes.
+    /// Scaled along three axes with the compliance at rest.
     Compliance,
     /// Scaled by the force of a press at the place itself, which would have to be simulated: what it would gain.
     DeepPress,
@@ -67,6 +63,39 @@ pub(crate) struct Simulated<'a> {
     pub range_m: f64,
     /// Of the prior's stiffness.
     power: f64,
+    powers: Option<Powers>,
+}
+
+/// How places' forces go with the body's at rest.
+#[derive(Debug, Clone, Copy)]
+struct Powers {
+    normal: f64,
+    lateral: f64,
+    /// Of a change of lateral to normal force at rest, the part that comes with a change of place.
+    coupling: f64,
+}
+
+/// The stiffness at rest: along the normal and across it, N/m, and the lateral force in parts of the normal one.
+struct Rest {
+    normal: f64,
+    lateral: f64,
+    coupling: [f64; 2],
+}
+
+impl Rest {
+    fn new(compliance: &DMat3, axes: [DVec3; 3]) -> Option<Self> {
+        let local = DMat3::from_cols_array_2d(&axes.map(|a| axes.map(|b| a.dot(*compliance * b))));
+        if local.determinant() <= 0.0 {
+            return None;
+        }
+        let k = local.inverse();
+        let rest = Rest {
+            normal: k.x_axis.x,
+            lateral: 0.5 * (k.y_axis.y + k.z_axis.z),
+            coupling: [k.x_axis.y / k.x_axis.x, k.x_axis.z / k.x_axis.x],
+        };
+        (rest.normal > 0.0 && rest.lateral > 0.0).then_some(rest)
+    }
 }
 
 /// A place to predict the potential of.
@@ -80,16 +109,10 @@ struct Place {
 
 /// Where places' forces are compared, as a share of the greatest depth.
 const DEEP: f64 = 0.6;
-/// So much of the compliances' difference is added, the first share that leaves all states sound.
-const SHARES: [f64; 5] = [1.0, 0.7, 0.4, 0.2, 0.0];
-/// How many times as stiff as where it is known a state may become.
-const STIFFEST: f64 = 3.0;
-/// How deep potentials are looked at beyond their last knot, in parts of it: a softer place gets there.
-const BEYOND: [f64; 2] = [1.3, 1.6];
-
 impl<'a> Simulated<'a> {
     pub fn new(prior: Prior<'a>, locals: &'a [Local<'a>], potentials: &'a [Potential], range_m: f64) -> Self {
-        let mut all = Simulated { prior, locals, potentials, range_m, power: 0.0 };
+        let mut all = Simulated { prior, locals, potentials, range_m, power: 0.0, powers: None };
+        all.powers = all.found_powers();
         if !prior.stiffness.is_empty() {
             let own: Vec<f64> = locals.iter().map(|l| prior.stiffness[l.record.node as usize]).collect();
             let forces: Vec<f64> = (0..locals.len()).map(|i| all.deep_force(i)).collect();
@@ -98,6 +121,67 @@ impl<'a> Simulated<'a> {
             }
         }
         all
+    }
+
+    fn found_powers(&self) -> Option<Powers> {
+        let (mut rest, mut normal, mut lateral) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut both, mut square) = (0.0, 0.0);
+        for (i, (local, potential)) in self.locals.iter().zip(self.potentials).enumerate() {
+            let [t1, t2] = local.tangents;
+            let axes = [local.record.inward.normalize(), t1, t2];
+            let at = Rest::new(self.prior.compliance.get(local.record.node as usize)?, axes)?;
+            let deep = DEEP * potential.press.knots().last()?;
+            normal.push(self.deep_force(i));
+            lateral.push(0.5 * (potential.stiffness[0].value(deep) + potential.stiffness[2].value(deep)));
+            for (b, c) in potential.offset.iter().zip(at.coupling) {
+                both += b.value(deep) / self.deep_force(i).max(1e-9) * c;
+                square += c * c;
+            }
+            rest.push(at);
+        }
+        if normal.iter().any(|f| *f <= 0.0) {
+            return None;
+        }
+        let of = |of: fn(&Rest) -> f64| rest.iter().map(of).collect::<Vec<f64>>();
+        Some(Powers {
+            normal: prior_power(&of(|r| r.normal), &normal),
+            lateral: prior_power(&of(|r| r.lateral), &lateral),
+            coupling: if square > 0.0 { both / square } else { 0.0 },
+        })
+    }
+
+    /// Made those of a place with its compliance.
+    fn with_compliance(&self, at: &Place, parts: &[(usize, f64, Potential)]) -> Option<Potential> {
+        let powers = self.powers?;
+        let [u, ..] = at.axes;
+        let here = Rest::new(self.prior.compliance.get(at.node)?, at.axes)?;
+        let knots = parts.first()?.2.press.knots();
+        let mut scaled = Vec::new();
+        for (t, weight, potential) in parts {
+            let record = self.locals[*t].record;
+            let back = DQuat::from_rotation_arc(u.normalize(), record.inward.normalize());
+            let there =
+                Rest::new(self.prior.compliance.get(record.node as usize)?, at.axes.map(|a| back * a))?;
+            let z = libm::pow(here.normal / there.normal, powers.normal);
+            let k = libm::pow(here.lateral / there.lateral, powers.lateral);
+            let mut curves = potential.curves().map(Clone::clone);
+            let count = curves.len() - 1;
+            for (q, curve) in curves.iter_mut().enumerate().take(count) {
+                // F and b, then all else but μ.
+                *curve = Curve::blend(&[(if q < 3 { z } else { k }, &*curve)]).ok()?;
+            }
+            for (i, (h, t)) in here.coupling.into_iter().zip(there.coupling).enumerate() {
+                let more = powers.coupling * (h - t);
+                let values: Vec<f64> = knots.iter().map(|&d| more * curves[0].slope(d)).collect();
+                let mut slopes: Vec<f64> = knots.iter().map(|&d| more * curves[0].bend(d)).collect();
+                let last = slopes.len() - 1;
+                (slopes[0], slopes[last]) = (0.0, 0.0);
+                let more = Curve::hermite(knots, &values, &slopes, curves[1 + i].extension()).ok()?;
+                curves[1 + i] = Curve::blend(&[(1.0, &curves[1 + i]), (1.0, &more)]).ok()?;
+            }
+            scaled.push((*t, *weight, Potential::from_curves(potential.tangents, curves)));
+        }
+        blended(&scaled, |_| 1.0).ok()
     }
 
     fn deep_force(&self, i: usize) -> f64 {
@@ -110,7 +194,7 @@ impl<'a> Simulated<'a> {
         match how {
             Normalisation::None | Normalisation::DeepPress => true,
             Normalisation::Stiffness => !self.prior.stiffness.is_empty() && self.power > 0.0,
-            Normalisation::Compliance => !self.prior.compliance.is_empty(),
+            Normalisation::Compliance => self.powers.is_some(),
         }
     }
 
@@ -141,61 +225,12 @@ impl<'a> Simulated<'a> {
             Normalisation::DeepPress => {
                 at.deep_n.and_then(|force| blended(&parts, |t| force / self.deep_force(t).max(1e-9)).ok())
             }
-            Normalisation::Compliance => self.in_series(at, &parts),
+            Normalisation::Compliance => self.with_compliance(at, &parts),
         };
         match made.filter(|potential| potential.validate(u, self.range_m).is_ok()) {
             Some(potential) => Ok(potential),
             None => blended(&parts, |_| 1.0),
         }
-    }
-
-    /// Of the place with its own compliance at rest in the stead of theirs.
-    fn in_series(&self, at: &Place, parts: &[(usize, f64, Potential)]) -> Option<Potential> {
-        let [u, t1, t2] = at.axes;
-        let local = |s: &DMat3, axes: [DVec3; 3]| {
-            DMat3::from_cols_array_2d(&axes.map(|a| axes.map(|b| a.dot(*s * b))))
-        };
-        let here = local(self.prior.compliance.get(at.node)?, at.axes);
-        let knots = parts.first()?.2.press.knots();
-        let end = *knots.last()?;
-        let depths: Vec<f64> = knots[1..].iter().copied().chain(BEYOND.map(|part| part * end)).collect();
-        let (mut samples, mut stiffness) = (Vec::new(), Vec::new());
-        for (t, weight, potential) in parts {
-            let record = self.locals[*t].record;
-            let back = DQuat::from_rotation_arc(u.normalize(), record.inward.normalize());
-            let there = local(self.prior.compliance.get(record.node as usize)?, at.axes.map(|a| back * a));
-            let states: Vec<(f64, DVec3, DMat3)> = depths.iter().map(|&z| state(potential, z)).collect();
-            let more = SHARES.iter().map(|share| (here - there) * *share);
-            let more =
-                more.into_iter().find(|more| states.iter().all(|(_, _, t)| series(t, more).is_some()))?;
-            let mut last = 0.0;
-            for (z, force, tangent) in &states {
-                let farther = more * *force;
-                let depth_m = z + farther.x;
-                if depth_m <= last || depth_m >= 0.999 * end {
-                    continue;
-                }
-                last = depth_m;
-                let force_n = force.to_array();
-                let lateral_m = [farther.y, farther.z];
-                samples.push(ContactSample { depth_m, lateral_m, force_n, weight: *weight });
-                stiffness.push(ContactStiffness {
-                    depth_m,
-                    force_n: length(force_n),
-                    stiffness_n_per_m: series(tangent, &more)?.to_cols_array_2d(),
-                    weight: *weight,
-                });
-            }
-        }
-        let options = PotentialOptions {
-            knots_m: Some(knots.to_vec()),
-            range_m: Some(self.range_m),
-            ..PotentialOptions::default()
-        };
-        let fit = fit_stuck(&samples, &stiffness, [t1, t2], &options, UP_TO_STIFFNESS).ok()?;
-        let own = Potential { friction: parts[0].2.friction.clone(), ..fit.potential };
-        let parts: Vec<(f64, Potential)> = parts.iter().map(|(_, w, p)| (*w, p.clone())).collect();
-        with_higher_terms(&own, &parts, u, self.range_m).ok().map(|(potential, _)| potential)
     }
 
     /// What each of `places` errs by when it is predicted from all others of the first `count`, %.
@@ -492,30 +527,6 @@ fn quantiles(values: &mut [f64]) -> [f64; 2] {
     values.sort_by(f64::total_cmp);
     let last = values.len().saturating_sub(1);
     [0.5, 0.95].map(|part| values.get((part * last as f64).round() as usize).copied().unwrap_or(0.0))
-}
-
-/// A press's state: depth, force and tangent.
-fn state(potential: &Potential, z: f64) -> (f64, DVec3, DMat3) {
-    let [b1, b2] = &potential.offset;
-    let [k11, k12, k22] = potential.stiffness.each_ref().map(|k| k.value(z));
-    let (s1, s2) = (b1.slope(z), b2.slope(z));
-    let force = DVec3::new(potential.press.slope(z), b1.value(z), b2.value(z));
-    let tangent = [[potential.press.bend(z), s1, s2], [s1, k11, k12], [s2, k12, k22]];
-    (z, force, DMat3::from_cols_array_2d(&tangent))
-}
-
-/// T (1 + S T)⁻¹, if that is positive definite and not out of all proportion.
-fn series(tangent: &DMat3, more: &DMat3) -> Option<DMat3> {
-    let with = DMat3::IDENTITY + *more * *tangent;
-    let both = *tangent * with.inverse();
-    let trace = |m: &DMat3| m.x_axis.x + m.y_axis.y + m.z_axis.z;
-    let minor = both.y_axis.y * both.z_axis.z - both.y_axis.z * both.z_axis.y;
-    let sound = with.determinant() > 0.0
-        && both.z_axis.z > 0.0
-        && minor > 0.0
-        && trace(&both) <= STIFFEST * trace(tangent)
-        && trace(&both) > 0.0;
-    sound.then_some((both + both.transpose()) * 0.5)
 }
 
 /// Σ w s Wⱼ.

@@ -111,7 +111,7 @@ impl<'a> Local<'a> {
             let entry = |a: DVec3, b: DVec3| 0.5 * (a.dot(*k * b) + b.dot(*k * a));
             let stiffness_n_per_m = axes.map(|a| axes.map(|b| entry(a, b)));
             let force_n = length(at.force_n);
-            Some(ContactStiffness { depth_m: *depth_m, force_n, stiffness_n_per_m, weight: 1.0 })
+            Some(ContactStiffness { depth_m: *depth_m, force_n, stiffness_n_per_m })
         });
         let stiffness = stiffness.collect();
         Local { record, tangents: [t1, t2], samples, stiffness }
@@ -425,7 +425,7 @@ pub(crate) fn carried_to(
 }
 
 /// `own` with the blend of `parts`' terms of third and fourth order, in parts of the lateral stiffness; and how much of them.
-pub(crate) fn with_higher_terms(
+fn with_higher_terms(
     own: &Potential,
     parts: &[(f64, Potential)],
     inward: DVec3,

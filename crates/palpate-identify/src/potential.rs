@@ -34,8 +34,6 @@ pub struct ContactStiffness {
     pub force_n: f64,
     /// Of f_z, f_t1, f_t2 by δz, ξ₁, ξ₂, N/m; symmetric.
     pub stiffness_n_per_m: [[f64; 3]; 3],
-    /// How much its relative error counts; 1 is usual.
-    pub weight: f64,
 }
 
 /// How samples become a potential.
@@ -136,7 +134,7 @@ pub(crate) fn fit_stuck(
     let tangent = |t: &ContactStiffness| {
         let [_, [_, a, _], [_, _, b]] = t.stiffness_n_per_m;
         let motion = (HELD * t.force_n / (0.5 * (a + b)).max(1e-9)).min(range_m) / deepest;
-        (motion, t.weight / (t.force_n / largest + FLOOR))
+        (motion, 1.0 / (t.force_n / largest + FLOOR))
     };
     let total: f64 = samples.iter().map(|s| weight(s) * weight(s)).sum::<f64>()
         + stiffness.iter().map(|t| tangent(t).1 * tangent(t).1).sum::<f64>();

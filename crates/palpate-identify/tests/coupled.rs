@@ -8,8 +8,10 @@ use glam::{DMat3, DQuat, DVec3};
 use palpate_body::law::{AtDepth, coupled_alone};
 use palpate_body::number::Dual;
 use palpate_body::shape::{Resolution, Shape};
-use palpate_body::{Curve, Extension, Potential, SlipRule, Surface};
-use palpate_identify::{CoupledFit, CoupledOptions, DragRecord, PointRecord, fit_coupled};
+use palpate_body::{Body, BodyParts, Curve, Extension, Potential, Provenance, SlipRule, Surface, Tool};
+use palpate_identify::{
+    Amount, CoupledFit, CoupledOptions, DragRecord, PointRecord, fit_coupled, further_points, test_points,
+};
 
 const RANGE: f64 = 3e-3;
 const DEPTHS: [f64; 6] = [0.3e-3, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3];
@@ -261,4 +263,148 @@ fn the_livers_drags_are_predicted_from_places_around() {
     println!("dragged places, and carried over (%, median and p95): {quantiles:.2?}");
     let [[own, _], [median, p95]] = quantiles;
     assert!(own < 1.5 && median < 3.0 && p95 < 12.0, "{quantiles:?}");
+}
+
+/// A body whose places' stiffness follows the compliance at rest to a power, along the normal and across it, with a lateral force
+/// that goes with the coupling at rest: places that nobody pressed at are predicted with the compliance, and badly without.
+fn varied() -> (Surface, Vec<DMat3>, Vec<Potential>) {
+    let surface = ball();
+    let places = surface.positions().iter().zip(surface.inward_normals());
+    let (compliance, potentials) = places
+        .map(|(p, &u)| {
+            let wave = 1.0 + 0.6 * libm::sin(300.0 * p.x) * libm::cos(250.0 * p.y);
+            let [t1, t2] = [DVec3::X, DVec3::Y].map(|t| DQuat::from_rotation_arc(DVec3::Z, u) * t);
+            let outer = |a: DVec3, b: DVec3| DMat3::from_cols(a * b.x, a * b.y, a * b.z);
+            let tilt = 0.3 * libm::cos(200.0 * p.y);
+            let stiffness = outer(u, u) * (100.0 * wave)
+                + (outer(t1, t1) + outer(t2, t2)) * (60.0 / wave)
+                + (outer(u, t1) + outer(t1, u)) * (100.0 * wave * tilt);
+            let mut potential = known(u, 1.0);
+            let scaled = |curve: &Curve, by: f64| Curve::blend(&[(by, curve)]).unwrap();
+            potential.press = scaled(&potential.press, wave);
+            potential.stiffness = potential.stiffness.each_ref().map(|k| scaled(k, 1.0 / wave));
+            potential.cubic = potential.cubic.each_ref().map(|c| scaled(c, 1.0 / wave));
+            potential.quartic = scaled(&potential.quartic, 1.0 / wave);
+            // As the force of a press does at rest, but where it must begin and end flat.
+            let press = &potential.press;
+            let of = |d: &f64| [tilt * press.slope(*d), tilt * press.bend(*d)];
+            let mut along: Vec<[f64; 2]> = press.knots().iter().map(of).collect();
+            let last = along.len() - 1;
+            (along[0][1], along[last][1]) = (0.0, 0.0);
+            let [values, slopes]: [Vec<f64>; 2] = along.into_iter().map(|[v, s]| (v, s)).unzip().into();
+            let b = Curve::hermite(press.knots(), &values, &slopes, Extension::Constant).unwrap();
+            potential.offset = [b, scaled(&potential.offset[1], 0.0)];
+            (stiffness.inverse(), potential)
+        })
+        .unzip();
+    (surface, compliance, potentials)
+}
+
+fn simulated(surface: &Surface, potentials: &[Potential], nodes: &[u32]) -> Vec<PointRecord> {
+    let record = |(i, &n): (usize, &u32)| {
+        record(&potentials[n as usize], n, surface.inward_normals()[n as usize], i % 5 == 0)
+    };
+    nodes.iter().enumerate().map(record).collect()
+}
+
+fn cap(surface: &Surface) -> Vec<bool> {
+    surface.inward_normals().iter().map(|u| u.z > 0.6).collect()
+}
+
+#[test]
+fn places_between_test_points_follow_the_compliance_at_rest() {
+    let (surface, compliance, potentials) = varied();
+    let nodes = test_points(&surface, &cap(&surface), Amount::Count(40), None).unwrap();
+    let records = simulated(&surface, &potentials, &nodes);
+    let inward = surface.inward_normals();
+    let stiffness: Vec<f64> = compliance.iter().zip(inward).map(|(s, u)| 1.0 / u.dot(*s * *u)).collect();
+    let with = CoupledOptions { stiffness: &stiffness, compliance: &compliance, ..options() };
+    let (with, without) = (
+        fit_coupled(&surface, &records, &with).unwrap(),
+        fit_coupled(&surface, &records, &options()).unwrap(),
+    );
+    let interpolation = with.interpolation.as_ref().unwrap();
+    let left_out = |name: &str| interpolation.left_out.iter().find(|l| l.normalisation == name).unwrap();
+    println!("{:#?}", interpolation.left_out);
+    assert!(left_out("compliance").used, "{interpolation:?}");
+    assert!(left_out("compliance").mean_percent < 0.5 * left_out("none").mean_percent, "{interpolation:?}");
+    // A body of it: each node has a potential of its own, and all are sound.
+    assert_eq!(with.law.potentials.len(), surface.positions().len());
+    assert_eq!(without.law.potentials.len(), nodes.len());
+    let body = |fit: &CoupledFit| {
+        Body::new(BodyParts {
+            surface: surface.clone(),
+            blends: fit.blends.clone(),
+            responses: Vec::new(),
+            test_point_nodes: fit.test_point_nodes.clone(),
+            coupled: Some(fit.law.clone()),
+            lateral_tensors: None,
+            tool: Tool::Point,
+            slip: SlipRule::Consistent,
+            tank: true,
+            provenance: Provenance { interpolation: fit.interpolation.clone(), ..Provenance::default() },
+        })
+        .unwrap()
+    };
+    let (with_body, _) = (body(&with), body(&without));
+    assert_eq!(with_body.provenance().interpolation, with.interpolation);
+    // What they say of nodes that nobody pressed at.
+    let touchable = cap(&surface);
+    let others =
+        (0..surface.positions().len() as u32).filter(|n| touchable[*n as usize] && !nodes.contains(n));
+    let off = |fit: &CoupledFit| {
+        let errors = others.clone().map(|n| {
+            let (blend, u) = (&fit.blends[n as usize], surface.inward_normals()[n as usize]);
+            let lateral = DVec3::X.reject_from(u) * 1e-3;
+            let answer = |p: &Potential| answer(p, u, 3e-3, lateral).0;
+            let parts = blend.weights.into_iter().zip(blend.test_points);
+            let mixed: DVec3 = parts.map(|(w, t)| answer(&fit.law.potentials[t as usize]) * w).sum();
+            let want = answer(&potentials[n as usize]);
+            (mixed - want).length() / want.length()
+        });
+        errors.clone().sum::<f64>() / errors.count() as f64
+    };
+    let (with, without) = (off(&with), off(&without));
+    println!("{with:.4} with the compliance at rest, {without:.4} without");
+    assert!(with < 0.1 * without && with < 0.02, "{with} {without}");
+}
+
+/// Test points that are added in rounds end within the tolerance, lie on nodes that can be touched and were not chosen before, and
+/// are the same again.
+#[test]
+fn test_points_are_added_where_the_others_predict_worst() {
+    let (surface, _, potentials) = varied();
+    let touchable = cap(&surface);
+    let start = test_points(&surface, &touchable, Amount::Count(8), None).unwrap();
+    let grown = |tolerance: f64, most: usize| {
+        let (mut nodes, mut rounds) = (start.clone(), 0);
+        loop {
+            let records = simulated(&surface, &potentials, &nodes);
+            let more = further_points(&surface, &touchable, &records, &options(), tolerance, most).unwrap();
+            if more.is_empty() {
+                return (nodes, rounds);
+            }
+            nodes.extend(more);
+            rounds += 1;
+        }
+    };
+    let (nodes, rounds) = grown(25.0, 60);
+    println!("{} test points after {rounds} rounds", nodes.len());
+    assert!(rounds > 1 && nodes.len() > start.len() && nodes.len() < 60);
+    let mut unique = nodes.clone();
+    unique.sort_unstable();
+    unique.dedup();
+    assert_eq!(unique.len(), nodes.len());
+    assert!(nodes.iter().all(|&n| touchable[n as usize]));
+    assert_eq!(grown(25.0, 60).0, nodes);
+    // No more than there may be, and none at all where all is good.
+    assert_eq!(grown(0.01, 15).0.len(), 15);
+    assert_eq!(grown(1e3, 60), (start.clone(), 0));
+    // The rounds are told of.
+    let records = simulated(&surface, &potentials, &nodes);
+    let told = CoupledOptions { first: Some(start.len()), ..options() };
+    let by_count = fit_coupled(&surface, &records, &told).unwrap().interpolation.unwrap().by_count;
+    let counts: Vec<u32> = by_count.iter().map(|c| c.test_points).collect();
+    assert_eq!((counts[0], counts[counts.len() - 1]), (8, nodes.len() as u32), "{by_count:?}");
+    assert!(by_count[by_count.len() - 1].p95_percent < by_count[0].p95_percent, "{by_count:?}");
 }
