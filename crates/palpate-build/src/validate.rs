@@ -114,6 +114,10 @@ pub enum Source {
     MicroSlip,
     /// Friction multiplied by what the simulated pressures of the path hold, in parts of μ f_z.
     PressureFriction,
+    /// Of a sphere: friction multiplied by 1 + r κ, κ being the surface's mean curvature at the path's point.
+    /// While the contact point moves by dc the surface slips by (1 + r κ) dc along a sphere whose centre
+    /// stays, for the place where it touches moves on both.
+    InterfaceSlip,
     /// A coupled law without the lateral force b of a straight press.
     WithoutOffset,
     /// A coupled law without its terms of third and fourth order.
@@ -134,7 +138,7 @@ pub enum Source {
 
 impl Source {
     /// All, in the order of the table.
-    pub const ALL: [Source; 14] = [
+    pub const ALL: [Source; 15] = [
         Source::Body,
         Source::PaperSlip,
         Source::ConsistentSlip,
@@ -142,6 +146,7 @@ impl Source {
         Source::WithoutTank,
         Source::MicroSlip,
         Source::PressureFriction,
+        Source::InterfaceSlip,
         Source::WithoutOffset,
         Source::WithoutHigherTerms,
         Source::Decoupled,
@@ -161,6 +166,7 @@ impl Source {
             Source::WithoutTank => "without the tank",
             Source::MicroSlip => "with partial slip (Mindlin)",
             Source::PressureFriction => "friction as the simulated pressures hold",
+            Source::InterfaceSlip => "slip counted on the tool too, friction times 1 + r κ",
             Source::WithoutOffset => "law without b",
             Source::WithoutHigherTerms => "law without cubic and quartic terms",
             Source::Decoupled => "law decoupled, equation (4)",
@@ -573,13 +579,19 @@ fn compare<'v>(
                 rendered.extend(forces.collect::<Option<_>>().map(|forces| (source, forces)));
             }
         }
-        _ => {
-            let held = pressures_hold(&found, u).zip(variants.clone().next());
-            rendered.extend(held.map(|(scale, body)| {
-                let variant = body.with_friction(Source::PressureFriction, scale);
-                (variant.source, variant.forces(start, u, &offsets).0)
-            }));
+        (_, Plan::Free(plan)) if !plan.friction.is_empty() => {
+            let reach = body.tool().radius_m() * place::curvature(body, tried.place.at);
+            let scales = [
+                (Source::PressureFriction, pressures_hold(&found, u)),
+                (Source::InterfaceSlip, Some((1.0 + reach).max(0.0)).filter(|_| reach != 0.0)),
+            ];
+            for (source, scale) in scales {
+                let variant =
+                    variants.clone().next().zip(scale).map(|(v, scale)| v.with_friction(source, scale));
+                rendered.extend(variant.map(|v| (source, v.forces(start, u, &offsets).0)));
+            }
         }
+        _ => {}
     }
     let states = poses.iter().zip(&found).zip(normals).map(|((&(leg, offset_m), state), inward)| Compared {
         leg,

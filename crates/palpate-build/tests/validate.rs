@@ -276,6 +276,18 @@ fn more_friction_in_the_simulation_shows_where_it_slides_and_hardly_where_it_sti
     }
 }
 
+/// A ball of 5 mm on one of 30: while the contact point moves by dc, the surface slips by 7/6 dc along the tool.
+#[test]
+fn slip_that_is_counted_on_the_tool_too_is_friction_times_one_and_the_radii() {
+    let body = coupled(5e-3);
+    let v = free(&body, &Engine { friction: vec![1.0 + 5.0 / 30.0], ..Engine::of(&body) }, 12);
+    let [off, counted] = [Source::Body, Source::InterfaceSlip].map(|s| worst(&of(&v, s)));
+    assert!(off[1] > 2.0 && counted.iter().all(|e| *e < 0.6), "{off:?} {counted:?}");
+    let point = coupled(0.0);
+    let v = free(&point, &Engine::of(&point), 4);
+    assert!(v.sources.iter().all(|s| s.source != Source::InterfaceSlip));
+}
+
 #[test]
 fn a_ball_that_slips_ring_by_ring_is_what_contacts_side_by_side_give() {
     let body = coupled(5e-3);

@@ -152,6 +152,17 @@ pub fn first_touch(body: &Body, place: &Place) -> DVec3 {
     }
 }
 
+/// The surface's mean curvature there, 1/m, positive where it is convex: how its normal turns along an
+/// element's edges.
+pub fn curvature(body: &Body, at: SurfacePoint) -> f64 {
+    let nodes = body.element_nodes(at.element);
+    let edges = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| {
+        let (edge, turn) = (nodes[j].position - nodes[i].position, nodes[j].inward - nodes[i].inward);
+        -turn.dot(edge) / edge.length_squared()
+    });
+    edges.iter().sum::<f64>() / 3.0
+}
+
 /// The body's coefficient of friction there over the depth, m; none without friction.
 pub fn friction(body: &Body, at: SurfacePoint) -> Vec<(f64, f64)> {
     let curve = |t: u32| -> Option<&Curve> {
