@@ -296,7 +296,7 @@ fn opposes(element: &Element, inward: &[DVec3]) -> bool {
 }
 
 /// Twin half-edges by sorting undirected edges.
-fn twins(triangles: &[[u32; 3]]) -> Result<Vec<[u32; 3]>> {
+pub(crate) fn twins(triangles: &[[u32; 3]]) -> Result<Vec<[u32; 3]>> {
     let mut edges: Vec<(u64, u32)> = Vec::with_capacity(3 * triangles.len());
     for (t, v) in triangles.iter().enumerate() {
         for i in 0..3 {
