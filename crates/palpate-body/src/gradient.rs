@@ -17,11 +17,13 @@ use crate::body::Node;
 use crate::curve::Curve;
 use crate::law::{CoupledRow, QUANTITIES, Reach, monomials};
 use crate::model::ContactModel;
+use crate::parallel;
 use crate::potential::{PotentialAt, Potentials};
 use crate::response::{BasisValues, POWERS, Response, Responses};
 use crate::surface::Element;
 use crate::tensor::Tensor;
 use glam::{DVec3, Vec3A, Vec4};
+use std::collections::HashMap;
 
 /// A test point that answers nothing: what a blend lacks to 1 where it fades towards a border.
 const NOTHING: u32 = u32::MAX;
@@ -270,30 +272,63 @@ fn above(x: f64) -> f32 {
 impl Gradients {
     /// Of the nodes of a checked model; `curves` are its test points' responses, none with a coupled law.
     pub(crate) fn new(model: &ContactModel, curves: &[Response]) -> Self {
-        let ContactModel { nodes, elements, lateral_tensors: tensors, responses, .. } = model;
+        let ContactModel { nodes, elements, responses, .. } = model;
         let around = Around::new(nodes.len(), elements);
-        let mut gradients = Gradients {
-            nodes: Vec::with_capacity(nodes.len()),
-            terms: Vec::new(),
-            depth_rows: Vec::new(),
-            lateral_rows: Vec::new(),
-            coupled_rows: Vec::new(),
-            tensors: Vec::with_capacity(tensors.len()),
-            coupled_bounds: Vec::new(),
-            columns: responses.depth_knots().values().len(),
-        };
-        let mut sums = NodeSums::default();
-        for (l, node) in nodes.iter().enumerate() {
-            sums.of_node(model, around.of(l), l);
-            gradients.add(model, curves, node, &sums);
-        }
+        let columns = responses.depth_knots().values().len();
+        let parts = parallel::in_parts(nodes.len(), |range| {
+            let mut part =
+                Gradients { columns, nodes: Vec::with_capacity(range.len()), ..Gradients::default() };
+            let (mut sums, mut shares) = (NodeSums::default(), SharesCache::default());
+            for l in range {
+                sums.of_node(model, around.of(l), l);
+                part.add(model, curves, &nodes[l], &sums, &mut shares);
+            }
+            part
+        });
+        let mut parts = parts.into_iter();
+        let mut gradients = parts.next().unwrap_or_default();
+        parts.for_each(|part| gradients.append(part));
         gradients
     }
 
+    /// Those of further nodes after these.
+    fn append(&mut self, further: Gradients) {
+        let Gradients {
+            nodes,
+            terms,
+            depth_rows,
+            lateral_rows,
+            coupled_rows,
+            tensors,
+            coupled_bounds,
+            columns,
+        } = further;
+        let (terms_before, rows_before) =
+            (self.terms.len(), self.depth_rows.len().max(self.coupled_rows.len()));
+        let before = |curves: bool| if curves { rows_before / columns } else { terms_before };
+        self.nodes.extend(nodes.into_iter().map(|node| {
+            let start = node.start + before(node.count == CURVES) as u32;
+            NodeGradients { start, ..node }
+        }));
+        self.terms.extend(terms);
+        self.depth_rows.extend(depth_rows);
+        self.lateral_rows.extend(lateral_rows);
+        self.coupled_rows.extend(coupled_rows);
+        self.tensors.extend(tensors);
+        self.coupled_bounds.extend(coupled_bounds);
+    }
+
     /// One more node, with these sums.
-    fn add(&mut self, model: &ContactModel, curves: &[Response], node: &Node, sums: &NodeSums) {
+    fn add(
+        &mut self,
+        model: &ContactModel,
+        curves: &[Response],
+        node: &Node,
+        sums: &NodeSums,
+        shares: &mut SharesCache,
+    ) {
         let ContactModel { lateral_tensors: tensors, responses, potentials, .. } = model;
-        let NodeSums { terms, frame_gradient, change } = sums;
+        let NodeSums { terms, frame_gradient, change, .. } = sums;
         let (reference, single) = (node.test_points[0], |g: &DVec3| g.as_vec3().to_array());
         let norm = |of: &[DVec3]| (of.iter().map(|g| g.length_squared()).sum::<f64>()).sqrt();
         // None with the decoupled law.
@@ -321,7 +356,9 @@ impl Gradients {
             frame: frame_gradient.map(|g| g.as_vec3().extend(0.0)),
             start,
             count,
-            energy_bound: above(steepest(terms, node, curves)),
+            energy_bound: above(
+                shares.steepest(terms, node, curves).unwrap_or_else(|| steepest(terms, node, curves)),
+            ),
             frame_bound: above(norm(frame_gradient)),
         });
         let knots = responses.depth_knots().values();
@@ -598,6 +635,83 @@ fn steepest(terms: &[(u32, DVec3)], node: &Node, curves: &[Response]) -> f64 {
     most
 }
 
+/// What shares three test points have in the sum of their forces: of each kind of curve the least and greatest shares of the
+/// second and the third, over all ordinates and the slope past the end.
+type Shares = [[[f64; 2]; 2]; 2];
+
+/// Shares that were found before: most nodes of a fine mesh have the test points of the last one.
+#[derive(Debug, Default)]
+struct SharesCache {
+    last: Option<([u32; 3], Option<Shares>)>,
+    known: HashMap<[u32; 3], Option<Shares>>,
+}
+
+impl SharesCache {
+    /// No less than [`steepest`], and mostly hardly more: in the shares (a, b, c) it is the most of
+    /// |g_b (b − a) + g_c (c − a)| / (w_a a + w_b b + w_c c), whose level sets are convex, so that corners of a box bound it.
+    /// None where the terms name other test points than the node, or shares vary too much.
+    fn steepest(&mut self, terms: &[(u32, DVec3)], node: &Node, curves: &[Response]) -> Option<f64> {
+        let [_, second, third] = node.test_points;
+        let [mut g2, mut g3] = [DVec3::ZERO; 2];
+        for (t, g) in terms {
+            match *t {
+                t if t == second => g2 = *g,
+                t if t == third => g3 = *g,
+                _ => return None,
+            }
+        }
+        if terms.is_empty() {
+            return Some(0.0);
+        }
+        let shares = match self.last {
+            Some((points, shares)) if points == node.test_points => shares,
+            _ => *self.known.entry(node.test_points).or_insert_with(|| shares(node.test_points, curves)),
+        };
+        self.last = Some((node.test_points, shares));
+        let mut most = 0.0f64;
+        for [second, third] in shares? {
+            for b in second {
+                for c in third {
+                    let a = 1.0 - b - c;
+                    let force = node.weights[0] * a + node.weights[1] * b + node.weights[2] * c;
+                    if !(a >= 0.0 && force > 0.0) {
+                        return None;
+                    }
+                    most = most.max((g2 * (b - a) + g3 * (c - a)).length() / force);
+                }
+            }
+        }
+        Some(most * (1.0 + 1e-12))
+    }
+}
+
+/// None where an ordinate is below 0.
+fn shares(points: [u32; 3], curves: &[Response]) -> Option<Shares> {
+    let [a, b, c] = points.map(|t| curves.get(t as usize));
+    let responses = [a?, b?, c?];
+    let curve_kinds: [fn(&Response) -> &Curve; 2] = [|r| &r.normal, |r| &r.lateral];
+    let mut shares = [[[1.0f64, 0.0f64]; 2]; 2];
+    for (kind, shares) in curve_kinds.into_iter().zip(&mut shares) {
+        let ordinates = responses.map(|r| kind(r).ordinates());
+        let past = ordinates.map(|o| o.last().map_or(0.0, |[.., c, d]| d - c));
+        let inside = (0..ordinates[0].len()).flat_map(|i| (0..4).map(move |k| (i, k)));
+        let inside = inside.map(|(i, k)| ordinates.map(|o| o.get(i).map_or(0.0, |row| row[k])));
+        for forces in inside.chain([past]) {
+            let sum: f64 = forces.iter().sum();
+            if forces.iter().any(|f| *f < 0.0) {
+                return None;
+            }
+            if sum > 0.0 {
+                for (share, force) in shares.iter_mut().zip(&forces[1..]) {
+                    *share = [share[0].min(force / sum), share[1].max(force / sum)];
+                }
+            }
+        }
+    }
+    // A curve that is 0 throughout has no shares, and no slopes.
+    shares.iter().flatten().all(|[low, high]| low <= high).then_some(shares)
+}
+
 /// How often an interval is halved whose force has ordinates below 0, though it is nowhere below 0 itself.
 const SPLITS: u32 = 12;
 
@@ -655,6 +769,8 @@ fn rows(
 struct NodeSums {
     /// g_lt of each test point but the node's first, 1/m.
     terms: Vec<(u32, DVec3)>,
+    /// The same while it is summed, see [`add`].
+    slopes: Vec<(u32, [f64; 4])>,
     /// Of the three coordinates of the frame, 1/m.
     frame_gradient: [DVec3; 3],
     /// Of the six components of the tensor, 1/m.
@@ -664,8 +780,9 @@ struct NodeSums {
 impl NodeSums {
     /// Of node `l`, in these elements.
     fn of_node(&mut self, model: &ContactModel, around: &[u32], l: usize) {
-        self.terms.clear();
-        (self.frame_gradient, self.change) = Default::default();
+        self.slopes.clear();
+        self.change = Default::default();
+        let mut frame_gradient = [[0.0; 4]; 3];
         let (node, mut area) = (&model.nodes[l], 0.0);
         for &m in around {
             let corners = model.elements[m as usize].nodes.map(|n| n as usize);
@@ -683,10 +800,14 @@ impl NodeSums {
                 let slope = turned(normal.cross(edge));
                 let corner = &model.nodes[j];
                 self.add_mix(corner, node.test_points[0], slope);
+                if j == l {
+                    continue;
+                }
                 // Frames turn within the element's plane, and are turned into the node's like the gradient.
                 let du = corner.inward - u;
                 let du = turned(du - normal * normal.dot(du));
-                self.frame_gradient.iter_mut().zip(du.to_array()).for_each(|(g, du)| *g += slope * du);
+                let frame = frame_gradient.iter_mut().zip(du.to_array());
+                frame.for_each(|(sum, du)| add(sum, [slope.x, slope.y, slope.z, 0.0], du));
                 let tensors = &model.lateral_tensors;
                 if let (Some(there), Some(here)) = (tensors.get(j), tensors.get(l)) {
                     let pairs = there.iter().zip(here);
@@ -699,26 +820,41 @@ impl NodeSums {
         }
         // A node that no element uses has no gradient.
         let per = if area > 0.0 { 1.0 / area } else { 0.0 };
-        self.terms.iter_mut().for_each(|(_, g)| *g *= per);
-        self.terms.retain(|(_, g)| g.as_vec3() != glam::Vec3::ZERO);
-        self.frame_gradient = self.frame_gradient.map(|g| g * per);
+        self.terms.clear();
+        let terms = self.slopes.iter().map(|(t, [x, y, z, _])| (*t, DVec3::new(*x, *y, *z) * per));
+        self.terms.extend(terms.filter(|(_, g)| g.as_vec3() != glam::Vec3::ZERO));
+        self.frame_gradient = frame_gradient.map(|[x, y, z, _]| DVec3::new(x, y, z) * per);
         self.change = self.change.map(|g| g * per);
     }
 
     /// What a corner blends, and what it lacks to 1, all but the reference.
     fn add_mix(&mut self, corner: &Node, reference: u32, slope: DVec3) {
         let rest = 1.0 - corner.weights.iter().sum::<f64>();
+        let rest = if rest > 1e-9 { rest } else { 0.0 };
         let parts = corner.test_points.into_iter().zip(corner.weights);
-        for (t, w) in parts.chain([(NOTHING, if rest > 1e-9 { rest } else { 0.0 })]) {
+        let slope = [slope.x, slope.y, slope.z, 0.0];
+        for (t, w) in parts.chain([(NOTHING, rest)]) {
             if w == 0.0 || t == reference {
                 continue;
             }
-            match self.terms.iter_mut().find(|(known, _)| *known == t) {
-                Some((_, g)) => *g += slope * w,
-                None => self.terms.push((t, slope * w)),
-            }
+            let known = self.slopes.iter_mut().find(|(known, _)| *known == t);
+            let (_, sum) = match known {
+                Some(sum) => sum,
+                None => {
+                    self.slopes.push((t, [0.0; 4]));
+                    let last = self.slopes.len() - 1;
+                    &mut self.slopes[last]
+                }
+            };
+            add(sum, slope, w);
         }
     }
+}
+
+/// A vector times a number to a sum, with a fourth place: stored in two parts, as it is loaded again.
+#[inline(always)]
+fn add(sum: &mut [f64; 4], vector: [f64; 4], times: f64) {
+    sum.iter_mut().zip(vector).for_each(|(sum, x)| *sum += x * times);
 }
 
 /// Σ g (potential − that of the reference) in the reference's tangents, in each interval.

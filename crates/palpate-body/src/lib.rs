@@ -44,6 +44,7 @@ mod index_map;
 pub mod law;
 pub mod model;
 pub mod number;
+mod parallel;
 pub mod patch;
 pub mod potential;
 pub mod refine;
