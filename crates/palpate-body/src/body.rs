@@ -342,6 +342,12 @@ impl Body {
         self
     }
 
+    /// The same with another account of where it came from.
+    pub fn with_provenance(mut self, provenance: Provenance) -> Self {
+        self.provenance = provenance;
+        self
+    }
+
     /// A body that answers alike everywhere, to a point, with the default slip rule: to begin with, and for tests.
     ///
     /// ```

@@ -256,22 +256,35 @@ impl<'a> Divider<'a> {
                 &[[a, middle(i), c], [middle(i), b, c]]
             }
             _ => {
-                // The two that are halved meet in a; of the rest's diagonals the one that bulges less.
+                // The two that are halved meet in a.
                 let i = (split.iter().position(|&s| !s).unwrap_or(0) + 2) % 3;
                 let [a, b, c] = [t[i], t[(i + 1) % 3], t[(i + 2) % 3]];
                 let (ab, ca) = (middle(i), middle(i + 2));
-                let measure = |p: Place, q: Place| {
-                    let bend = self.bend(element, p, q).length();
-                    (bend, self.point(element, p).distance(self.point(element, q)))
-                };
-                if measure(ab, c) <= measure(b, ca) {
-                    &[[a, ab, ca], [ab, b, c], [ab, c, ca]]
-                } else {
-                    &[[a, ab, ca], [ab, b, ca], [b, c, ca]]
-                }
+                self.divide(element, [a, ab, ca])?;
+                return self.divide_strip(element, [ab, b, c, ca]);
             }
         };
         parts.iter().try_for_each(|part| self.divide(element, *part))
+    }
+
+    /// Divides a quadrilateral. Where only its first and third side are halved, it stays a strip until both are done: a tube is
+    /// divided around, not along.
+    fn divide_strip(&mut self, element: u32, t: [Place; 4]) -> Result<()> {
+        let [p, q, r, s] = t;
+        let splits = [0, 1, 2, 3].map(|i| self.splits(element, t[i], t[(i + 1) % 4]));
+        if splits == [true, false, true, false] {
+            let [pq, rs] = [middle(p, q), middle(r, s)];
+            self.divide_strip(element, [p, pq, rs, s])?;
+            return self.divide_strip(element, [pq, q, r, rs]);
+        }
+        // Of the diagonals the one that bulges less.
+        let measure = |p: Place, q: Place| {
+            let length = self.point(element, p).distance(self.point(element, q));
+            (self.bend(element, p, q).length(), length)
+        };
+        let halves =
+            if measure(p, r) <= measure(q, s) { [[p, q, r], [p, r, s]] } else { [[p, q, s], [q, r, s]] };
+        halves.into_iter().try_for_each(|half| self.divide(element, half))
     }
 
     /// Whether the edge from p to q is halved.
@@ -340,5 +353,5 @@ fn coordinates(place: Place) -> [f64; 3] {
 
 /// Without what rounding left behind it.
 fn decimal(x: f64) -> f64 {
-    (x * 1e6).round() / 1e6
+    format!("{x:.6e}").parse().unwrap_or(x)
 }

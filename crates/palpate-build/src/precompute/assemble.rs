@@ -2,9 +2,11 @@
 
 use super::stops;
 use crate::paths_file::PathsRecord;
+use crate::refine::to_sagitta;
 use crate::spec::{Friction, Geometry, Spec};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
+use palpate_body::refine::DEFAULT_SAGITTA_M;
 use palpate_body::shape::Shape;
 use palpate_body::{Body, BodyParts, Provenance, Surface, TriangleMesh};
 use palpate_identify::{DragRecord, FitReport, PathOptions, PointRecord, fit_paths};
@@ -100,6 +102,7 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
         tank: spec.tank,
         provenance: Provenance { point_errors: fitted.errors, ..provenance(record, notes) },
     })
+    .and_then(|body| to_sagitta(body, spec.sagitta_m.unwrap_or(DEFAULT_SAGITTA_M)))
     .map_err(in_spec)?;
     Ok(Assembled { body, report: fitted.fit.report, stops: told })
 }
