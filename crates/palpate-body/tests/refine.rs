@@ -294,7 +294,7 @@ fn three_test_points_stay_where_more_come_together() {
         Body::new(BodyParts { blends: blends.collect(), test_point_nodes, responses, ..parts }).unwrap();
     let Refined { body: fine, moved_weight, .. } = body.refined(Fineness::edge(0.6e-3)).unwrap();
     println!("moved {moved_weight:.3}");
-    assert!((0.01..0.34).contains(&moved_weight), "{moved_weight}");
+    assert!((0.01..0.5).contains(&moved_weight), "{moved_weight}");
     // Per coarse edge of 4 mm the force changes by so much at most; over the fine edges it changes in proportion.
     let steepest = |body: &Body| {
         let force: Vec<f64> =
