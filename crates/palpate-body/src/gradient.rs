@@ -775,10 +775,12 @@ fn rows(
 /// Area-weighted means over the elements around a node, of the gradients of what its neighbours have.
 #[derive(Debug, Default)]
 struct NodeSums {
+    /// Σ ∇n of each corner of these elements times its area.
+    slopes: Vec<(u32, [f64; 4])>,
+    /// Those of the test points that the corners blend.
+    blended: Vec<(u32, [f64; 4])>,
     /// g_lt of each test point but the node's first, 1/m.
     terms: Vec<(u32, DVec3)>,
-    /// The same while it is summed, see [`add`].
-    slopes: Vec<(u32, [f64; 4])>,
     /// Of the three coordinates of the frame, 1/m.
     frame_gradient: [DVec3; 3],
     /// Of the six components of the tensor, 1/m.
@@ -788,13 +790,13 @@ struct NodeSums {
 impl NodeSums {
     /// Of node `l`, in these elements.
     fn of_node(&mut self, model: &ContactModel, around: &[u32], l: usize) {
-        self.slopes.clear();
-        self.change = Default::default();
+        let NodeSums { slopes, .. } = self;
+        slopes.clear();
         let mut frame_gradient = [[0.0; 4]; 3];
         let (node, mut area) = (&model.nodes[l], 0.0);
         for &m in around {
-            let corners = model.elements[m as usize].nodes.map(|n| n as usize);
-            let [a, b, c] = corners.map(|n| model.nodes[n].position);
+            let corners = model.elements[m as usize].nodes;
+            let [a, b, c] = corners.map(|n| model.nodes[n as usize].position);
             let normal = (b - a).cross(c - a);
             area += normal.length();
             // Turned into the tangent plane of the node without losing length, as the least turn takes the element's
@@ -805,58 +807,65 @@ impl NodeSums {
             let turned = |v: DVec3| v - between * (u.dot(v) * per);
             // 2A ∇n of each corner: its opposite edge, turned inwards.
             for (j, edge) in corners.into_iter().zip([c - b, a - c, b - a]) {
-                let slope = turned(normal.cross(edge));
-                let corner = &model.nodes[j];
-                self.add_mix(corner, node.test_points[0], slope);
-                if j == l {
-                    continue;
-                }
-                // Frames turn within the element's plane, and are turned into the node's like the gradient.
-                let du = corner.inward - u;
-                let du = turned(du - normal * normal.dot(du));
-                let frame = frame_gradient.iter_mut().zip(du.to_array());
-                frame.for_each(|(sum, du)| add(sum, [slope.x, slope.y, slope.z, 0.0], du));
-                let tensors = &model.lateral_tensors;
-                if let (Some(there), Some(here)) = (tensors.get(j), tensors.get(l)) {
-                    let pairs = there.iter().zip(here);
-                    self.change
-                        .iter_mut()
-                        .zip(pairs)
-                        .for_each(|(g, (there, here))| *g += slope * (there - here));
+                let DVec3 { x, y, z } = turned(normal.cross(edge));
+                let slope = [x, y, z, 0.0];
+                add(sum_of(slopes, j), slope, 1.0);
+                if j as usize != l {
+                    // Frames turn within the element's plane, and are turned into the node's like the gradient.
+                    let du = model.nodes[j as usize].inward - u;
+                    let du = turned(du - normal * normal.dot(du));
+                    frame_gradient.iter_mut().zip(du.to_array()).for_each(|(sum, du)| add(sum, slope, du));
                 }
             }
         }
         // A node that no element uses has no gradient.
         let per = if area > 0.0 { 1.0 / area } else { 0.0 };
-        self.terms.clear();
-        let terms = self.slopes.iter().map(|(t, [x, y, z, _])| (*t, DVec3::new(*x, *y, *z) * per));
-        self.terms.extend(terms.filter(|(_, g)| g.as_vec3() != glam::Vec3::ZERO));
-        self.frame_gradient = frame_gradient.map(|[x, y, z, _]| DVec3::new(x, y, z) * per);
-        self.change = self.change.map(|g| g * per);
+        self.frame_gradient = frame_gradient.map(|sum| vector(sum) * per);
+        self.blend(model, l, per);
     }
 
-    /// What a corner blends, and what it lacks to 1, all but the reference.
-    fn add_mix(&mut self, corner: &Node, reference: u32, slope: DVec3) {
-        let rest = 1.0 - corner.weights.iter().sum::<f64>();
-        let rest = if rest > 1e-9 { rest } else { 0.0 };
-        let parts = corner.test_points.into_iter().zip(corner.weights);
-        let slope = [slope.x, slope.y, slope.z, 0.0];
-        for (t, w) in parts.chain([(NOTHING, rest)]) {
-            if w == 0.0 || t == reference {
-                continue;
-            }
-            let known = self.slopes.iter_mut().find(|(known, _)| *known == t);
-            let (_, sum) = match known {
-                Some(sum) => sum,
-                None => {
-                    self.slopes.push((t, [0.0; 4]));
-                    let last = self.slopes.len() - 1;
-                    &mut self.slopes[last]
+    /// What the corners' slopes make of what they blend, and of their tensors.
+    fn blend(&mut self, model: &ContactModel, l: usize, per: f64) {
+        let NodeSums { slopes, blended, terms, change, .. } = self;
+        let reference = model.nodes[l].test_points[0];
+        blended.clear();
+        *change = Default::default();
+        for &(j, slope) in &*slopes {
+            let corner = &model.nodes[j as usize];
+            // What it lacks to 1.
+            let rest = 1.0 - corner.weights.iter().sum::<f64>();
+            let rest = if rest > 1e-9 { rest } else { 0.0 };
+            let parts = corner.test_points.into_iter().zip(corner.weights);
+            for (t, w) in parts.chain([(NOTHING, rest)]) {
+                if w != 0.0 && t != reference {
+                    add(sum_of(blended, t), slope, w);
                 }
-            };
-            add(sum, slope, w);
+            }
+            let tensors = &model.lateral_tensors;
+            if let (Some(there), Some(here)) = (tensors.get(j as usize), tensors.get(l)) {
+                let changes = change.iter_mut().zip(there.iter().zip(here));
+                changes.for_each(|(g, (there, here))| *g += vector(slope) * (there - here));
+            }
         }
+        terms.clear();
+        let means = blended.iter().map(|(t, sum)| (*t, vector(*sum) * per));
+        terms.extend(means.filter(|(_, g)| g.as_vec3() != glam::Vec3::ZERO));
+        *change = change.map(|g| g * per);
     }
+}
+
+/// The sum of a number, begun if it has none.
+#[inline(always)]
+fn sum_of(sums: &mut Vec<(u32, [f64; 4])>, number: u32) -> &mut [f64; 4] {
+    let at = sums.iter().position(|(known, _)| *known == number).unwrap_or_else(|| {
+        sums.push((number, [0.0; 4]));
+        sums.len() - 1
+    });
+    &mut sums[at].1
+}
+
+fn vector([x, y, z, _]: [f64; 4]) -> DVec3 {
+    DVec3::new(x, y, z)
 }
 
 /// A vector times a number to a sum, with a fourth place: stored in two parts, as it is loaded again.
