@@ -8,7 +8,9 @@
 
 use glam::DVec3;
 use palpate_body::shape::{Resolution, Shape};
-use palpate_body::{BlendWeights, Body, BodyParts, Fineness, Response, SlipRule};
+use palpate_body::{
+    BlendWeights, Body, BodyParts, Curve, Extension, Fineness, Interpolation, Response, SlipRule,
+};
 use std::path::Path;
 use std::time::Instant;
 
@@ -29,8 +31,18 @@ fn make(file: &Path) -> palpate_body::Result<()> {
     let tube = Shape::Cylinder { radius_mm: 30.0, length_mm: 100.0, caps: false };
     let resolution = Resolution { around: Some(36), along: Some(17), ..Default::default() };
     let surface = tube.surface(resolution)?;
-    let stiffness = |p: &DVec3| 600.0 * (1.0 + 0.5 * p.x / 0.03 + 0.2 * p.y / 0.03);
-    let response = |p| Response::paper(stiffness(p), 500.0, 0.3, 8e-3, 8e-3);
+    let knots: Vec<f64> = (0..=24).map(|i| f64::from(i) * 8e-3 / 24.0).collect();
+    // Curves of 24 intervals, whose shapes differ from place to place.
+    let curve = |scale: f64, power: f64| {
+        let values: Vec<f64> = knots.iter().map(|d| scale * (d / 8e-3).powf(power)).collect();
+        Curve::through(&knots, &values, Interpolation::Pchip, Extension::Linear)
+    };
+    let friction = Curve::through(&knots, &[0.3; 25], Interpolation::Linear, Extension::Constant)?;
+    let response = |p: &DVec3| {
+        let [x, y] = [p.x / 0.03, p.y / 0.03];
+        let (normal, lateral) = (curve(3.0 + x, 1.5 + 0.3 * y)?, curve(2.0 + y, 1.2 + 0.1 * x)?);
+        Ok(Response { normal, lateral, friction: friction.clone() })
+    };
     let own = 0..surface.positions().len() as u32;
     let responses = surface.positions().iter().map(response).collect::<palpate_body::Result<Vec<_>>>()?;
     let uniform = Body::uniform(surface, responses[0].clone())?;

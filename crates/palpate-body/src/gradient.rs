@@ -805,9 +805,9 @@ impl NodeSums {
             let (u, between) = (node.inward, node.inward - normal);
             let per = 2.0 / between.length_squared().max(0.1);
             let turned = |v: DVec3| v - between * (u.dot(v) * per);
-            // 2A ∇n of each corner: its opposite edge, turned inwards.
-            for (j, edge) in corners.into_iter().zip([c - b, a - c, b - a]) {
-                let DVec3 { x, y, z } = turned(normal.cross(edge));
+            // 2A ∇n of each corner: its opposite edge, turned inwards. The three sum to 0.
+            let [second, third] = [a - c, b - a].map(|edge| turned(normal.cross(edge)));
+            for (j, DVec3 { x, y, z }) in corners.into_iter().zip([-(second + third), second, third]) {
                 let slope = [x, y, z, 0.0];
                 add(sum_of(slopes, j), slope, 1.0);
                 if j as usize != l {

@@ -1,6 +1,8 @@
 //! Work on many things at the same time, while a large body is opened: the results, and their bits, are those of one thread.
 
+use bytemuck::{Zeroable, allocation::zeroed_vec};
 use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
 use std::thread;
 
 /// Fewer things than this are not worth a thread.
@@ -27,14 +29,34 @@ pub(crate) fn in_parts<T: Send>(count: usize, work: impl Fn(Range<usize>) -> T +
     })
 }
 
-/// Appends `of` each number below `count`.
-pub(crate) fn extend<T: Send>(to: &mut Vec<T>, count: usize, of: impl Fn(usize) -> T + Sync) {
+/// `of` each number below `count`, in their order.
+pub(crate) fn collect<T: Zeroable + Send>(count: usize, of: impl Fn(usize) -> T + Sync) -> Vec<T> {
     if count < LEAST {
-        to.extend((0..count).map(of));
-        return;
+        return (0..count).map(of).collect();
     }
-    to.reserve_exact(count);
-    in_parts(count, |range| range.map(&of).collect::<Vec<T>>()).into_iter().for_each(|part| to.extend(part));
+    // In place: a copy of each part would cost as much as many an `of`.
+    let mut all: Vec<T> = zeroed_vec(count);
+    let threads = thread::available_parallelism().map_or(1, usize::from);
+    let size = count.div_ceil(4 * threads);
+    let parts = Mutex::new(all.chunks_mut(size).enumerate());
+    let next = || parts.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let work = || {
+        while let Some((part, items)) = next() {
+            items.iter_mut().enumerate().for_each(|(i, item)| *item = of(part * size + i));
+        }
+    };
+    thread::scope(|scope| {
+        // Where the system has no thread to spare, the others do its part.
+        let _others: Vec<_> =
+            (1..threads).map(|_| thread::Builder::new().spawn_scoped(scope, work)).collect();
+        work();
+    });
+    all
+}
+
+/// The first complaint about the numbers below `count` in their order, if there is one.
+pub(crate) fn check<E: Send>(count: usize, of: impl Fn(usize) -> Result<(), E> + Sync) -> Result<(), E> {
+    in_parts(count, |mut range| range.try_for_each(&of)).into_iter().collect()
 }
 
 #[cfg(test)]
@@ -44,9 +66,10 @@ mod tests {
     #[test]
     fn parts_follow_each_other_and_leave_nothing_out() {
         for count in [0, 1, 1000, LEAST - 1, LEAST, 3 * LEAST + 7] {
-            let mut all = vec![usize::MAX];
-            extend(&mut all, count, |i| i * i);
-            assert!(all[1..].iter().copied().eq((0..count).map(|i| i * i)), "{count}");
+            assert!(collect(count, |i| i * i).into_iter().eq((0..count).map(|i| i * i)), "{count}");
+            let first = |least: usize| check(count, |i| if i < least { Ok(()) } else { Err(i) });
+            assert_eq!(first(count), Ok(()));
+            assert!(count == 0 || first(count / 3) == Err(count / 3));
             let ranges = in_parts(count, |range| range);
             assert_eq!((ranges[0].start, ranges[ranges.len() - 1].end), (0, count));
             assert!(ranges.windows(2).all(|r| r[0].end == r[1].start));

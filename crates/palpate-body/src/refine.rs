@@ -5,8 +5,8 @@
 //! its place in the coarse element blends.
 //!
 //! A node has three test points at most. Where more come together, which they do only in elements across which the three
-//! change, the three heaviest stay, each less the weight of the fourth: that is continuous along the surface, and changes
-//! nothing where three are enough. Where every coarse node is a test point of its own the blend is exact.
+//! change, it takes the three nearest between which their mean place lies: what varies linearly over the test points stays
+//! what it was. Where every coarse node is a test point of its own the blend is exact.
 
 mod division;
 mod smooth;
@@ -18,7 +18,7 @@ use crate::search::{MeshSearch, SurfacePoint};
 use crate::surface::{Surface, TriangleMesh};
 use crate::tensor::{self, Tensor};
 use division::Division;
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use smooth::SmoothSurface;
 
 /// Triangles that a refined body may have: about 6 GB of memory, and as much as a shape may have.
@@ -65,8 +65,8 @@ pub struct Refined {
     pub body: Body,
     /// Nodes of the old body where facets turn too sharply to be read as a smooth surface: it stays flat there.
     pub sharp_nodes: usize,
-    /// Largest part of a node's weights that moved because more than three test points came together, 0 to 1.
-    pub moved_weight: f64,
+    /// Nodes at which more than three test points came together, for which the nearest three stand.
+    pub reduced_nodes: usize,
     /// How far nodes lie from the old surface at most, m.
     pub distance_m: f64,
 }
@@ -84,8 +84,8 @@ impl Body {
         let distance = |(p, at): (&DVec3, &SurfacePoint)| p.distance(self.point(*at));
         let distance_m = surface.positions.iter().zip(&origins).map(distance).fold(0.0, f64::max);
         let test_point_nodes = self.test_point_nodes.iter().map(|&n| node_of(n)).collect();
-        let (body, moved_weight) = self.carried(surface, &origins, test_point_nodes)?;
-        Ok(Refined { body, sharp_nodes: smooth.sharp_nodes(), moved_weight, distance_m })
+        let (body, reduced_nodes) = self.carried(surface, &origins, test_point_nodes)?;
+        Ok(Refined { body, sharp_nodes: smooth.sharp_nodes(), reduced_nodes, distance_m })
     }
 
     /// The body on a finer surface of one's own: each node has what the nearest point of the old surface has.
@@ -111,8 +111,8 @@ impl Body {
         };
         let origins = surface.positions.iter().enumerate().map(at).collect::<Result<Vec<_>>>()?;
         let test_point_nodes = self.test_points_on(&surface)?;
-        let (body, moved_weight) = self.carried(surface, &origins, test_point_nodes)?;
-        Ok(Refined { body, sharp_nodes: 0, moved_weight, distance_m })
+        let (body, reduced_nodes) = self.carried(surface, &origins, test_point_nodes)?;
+        Ok(Refined { body, sharp_nodes: 0, reduced_nodes, distance_m })
     }
 
     /// The node at a point, if one is there.
@@ -159,25 +159,30 @@ impl Body {
         }
     }
 
-    /// The body on `surface`, whose nodes come from these points of the old one; and how much weight moved at most.
+    /// The body on `surface`, whose nodes come from these points of the old one; and how many blends were reduced to three test points.
     fn carried(
         &self,
         surface: Surface,
         origins: &[SurfacePoint],
         test_point_nodes: Vec<u32>,
-    ) -> Result<(Body, f64)> {
+    ) -> Result<(Body, usize)> {
         if let Some(n) = self.nodes.iter().position(|n| n.weights.iter().sum::<f64>() < 1.0 - 1e-9) {
             let problem = "its response fades out towards a border, which only a border's own nodes may do";
             return Err(BodyError::invalid(format!("node {n}"), problem, "let it fade after refining"));
         }
-        let mut moved = 0.0f64;
+        let mut reduced = 0;
         let blend = |at: &SurfacePoint| {
             if let Some(node) = self.node_at(at) {
                 let Node { test_points, weights, .. } = self.nodes[node];
                 return BlendWeights { test_points, weights };
             }
-            let (blend, lost) = blend(self.element_nodes(at.element), at.n);
-            moved = moved.max(lost);
+            let (p, q) = self.inward(*at).any_orthonormal_pair();
+            let place = |t: u32| {
+                let x = self.nodes[self.test_point_nodes[t as usize] as usize].position;
+                DVec2::new(x.dot(p), x.dot(q))
+            };
+            let (blend, is_reduced) = blend(self.element_nodes(at.element), at.n, place);
+            reduced += usize::from(is_reduced);
             blend
         };
         let blends = origins.iter().map(blend).collect();
@@ -202,7 +207,7 @@ impl Body {
             tank: self.tank,
             provenance: self.provenance.clone(),
         })?;
-        Ok((body, moved))
+        Ok((body, reduced))
     }
 
     /// The tensors blended at these points, each made one of its new normal.
@@ -235,8 +240,9 @@ fn turned(tangents: [DVec3; 2], u: DVec3) -> [DVec3; 2] {
     [first, second * second.dot(t2).signum()]
 }
 
-/// What a point of an element blends, and the part of its weights that moved.
-fn blend(corners: [&Node; 3], n: [f64; 3]) -> (BlendWeights, f64) {
+/// What a point of an element blends, and whether more than three test points came together; `place` is that of a test point seen from the
+/// point's tangent plane, m.
+fn blend(corners: [&Node; 3], n: [f64; 3], place: impl Fn(u32) -> DVec2) -> (BlendWeights, bool) {
     let mut terms = [(0u32, 0.0f64); 9];
     let mut count = 0;
     for (corner, n) in corners.into_iter().zip(n) {
@@ -252,23 +258,48 @@ fn blend(corners: [&Node; 3], n: [f64; 3]) -> (BlendWeights, f64) {
     }
     let terms = &mut terms[..count];
     terms.sort_unstable_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-    let fourth = terms.get(3).map_or(0.0, |t| t.1);
-    let mut moved = 0.0;
-    if fourth > 0.0 {
-        let before = [0, 1, 2].map(|i| terms[i].1);
-        let less = before.map(|w| w - fourth);
-        // Four alike: nothing tells which three.
-        let kept = if less[0] > 0.0 { less } else { before };
-        let per = terms.iter().map(|t| t.1).sum::<f64>() / kept.iter().sum::<f64>();
-        let stays: f64 = before.into_iter().zip(kept).map(|(before, kept)| before.min(kept * per)).sum();
-        moved = 1.0 - stays;
-        (0..3).for_each(|i| terms[i].1 = kept[i] * per);
+    let used = terms.iter().filter(|t| t.1 > 0.0).count();
+    let mut three = [0, 1, 2].map(|i| terms.get(i).copied().unwrap_or((terms[count - 1].0, 0.0)));
+    if used > 3 {
+        // By number, so that where four lie on a circle all elements choose alike.
+        terms[..used].sort_unstable_by_key(|t| t.0);
+        three = nearest_three(&terms[..used], place).unwrap_or_else(|| {
+            let sum: f64 = three.iter().map(|t| t.1).sum();
+            three.map(|(t, w)| (t, w / sum))
+        });
     }
     // In ascending order, so that neighbours between the same three name them alike.
-    let count = count.min(3);
-    let terms = &mut terms[..count];
-    terms.sort_unstable_by_key(|t| t.0);
-    let at = |i: usize| terms[i.min(count - 1)].0;
-    let weight = |i: usize| terms.get(i).map_or(0.0, |t| t.1);
-    (BlendWeights { test_points: [0, 1, 2].map(at), weights: [0, 1, 2].map(weight) }, moved)
+    three.sort_unstable_by_key(|t| t.0);
+    (BlendWeights { test_points: three.map(|t| t.0), weights: three.map(|t| t.1) }, used > 3)
+}
+
+/// Of all blends of three that keep the mean place, the one with the least mean square distance from it: that of the Delaunay
+/// triangle around it. None where all lie in a line.
+fn nearest_three(terms: &[(u32, f64)], place: impl Fn(u32) -> DVec2) -> Option<[(u32, f64); 3]> {
+    let mean: DVec2 = terms.iter().map(|&(t, w)| place(t) * w).sum();
+    let mut at = [DVec2::ZERO; 9];
+    at.iter_mut().zip(terms).for_each(|(at, &(t, _))| *at = place(t) - mean);
+    let mut nearest: Option<(f64, [(u32, f64); 3])> = None;
+    for i in 0..terms.len() {
+        for j in 0..i {
+            for k in 0..j {
+                let [a, b, c] = [at[i], at[j], at[k]];
+                let whole = (b - a).perp_dot(c - a);
+                if whole.abs() <= 1e-6 * (b - a).length_squared().max((c - a).length_squared()) {
+                    continue;
+                }
+                let weights = [b.perp_dot(c), c.perp_dot(a), a.perp_dot(b)].map(|part| part / whole);
+                let far: f64 = weights.iter().zip([a, b, c]).map(|(w, x)| w * x.length_squared()).sum();
+                if weights.iter().all(|w| *w >= -1e-9)
+                    && nearest.is_none_or(|(least, _)| far < least * (1.0 - 1e-6))
+                {
+                    let weights = weights.map(|w| w.max(0.0));
+                    let sum: f64 = weights.iter().sum();
+                    let [a, b, c] = weights.map(|w| w / sum);
+                    nearest = Some((far, [(terms[i].0, a), (terms[j].0, b), (terms[k].0, c)]));
+                }
+            }
+        }
+    }
+    nearest.map(|(_, three)| three)
 }

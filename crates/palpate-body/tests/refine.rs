@@ -50,6 +50,19 @@ fn varied(surface: Surface) -> Body {
     Body::new(parts).unwrap()
 }
 
+/// The same body with every node a test point that answers what it did.
+fn varied_as(body: &Body) -> Body {
+    let own = 0..body.nodes().len() as u32;
+    let responses = own.clone().map(|n| body.node_response(n as usize).unwrap());
+    Body::new(BodyParts {
+        blends: own.clone().map(BlendWeights::own).collect(),
+        responses: responses.collect(),
+        test_point_nodes: own.collect(),
+        ..body.parts()
+    })
+    .unwrap()
+}
+
 fn shape(shape: Shape, resolution: Resolution, crease_deg: f64) -> Body {
     varied(Surface::build(&shape.mesh(resolution).unwrap(), crease_deg.to_radians()).unwrap())
 }
@@ -245,8 +258,8 @@ fn the_faces_of_a_block_stay_flat() {
 #[test]
 fn responses_are_those_of_the_coarse_body() {
     for (name, body, fineness) in bodies() {
-        let Refined { body: fine, moved_weight, .. } = body.refined(fineness).unwrap();
-        assert_eq!(moved_weight, 0.0, "{name}");
+        let Refined { body: fine, reduced_nodes, .. } = body.refined(fineness).unwrap();
+        assert_eq!(reduced_nodes, 0, "{name}");
         let scale = |body: &Body, n: u32| body.node_response(n as usize).unwrap().normal.value(5e-3);
         // Along every coarse edge that a node of the fine body halves, force is the mean of its ends'.
         let middles: BTreeMap<[i64; 3], u32> = (0..fine.nodes().len() as u32)
@@ -269,7 +282,7 @@ fn responses_are_those_of_the_coarse_body() {
     }
 }
 
-/// A body whose test points are some of its nodes: what a fourth test point costs is bounded, and continuous.
+/// A body whose test points are some of its nodes: what a fourth test point costs is bounded.
 #[test]
 fn three_test_points_stay_where_more_come_together() {
     let tube = shape(TUBE, around(48, 22), 180.0);
@@ -292,10 +305,16 @@ fn three_test_points_stay_where_more_come_together() {
     let responses = test_point_nodes.iter().map(|&n| parts.responses[n as usize].clone()).collect();
     let body =
         Body::new(BodyParts { blends: blends.collect(), test_point_nodes, responses, ..parts }).unwrap();
-    let Refined { body: fine, moved_weight, .. } = body.refined(Fineness::edge(0.6e-3)).unwrap();
-    println!("moved {moved_weight:.3}");
-    assert!((0.01..0.5).contains(&moved_weight), "{moved_weight}");
-    // Per coarse edge of 4 mm the force changes by so much at most; over the fine edges it changes in proportion.
+    let Refined { body: fine, reduced_nodes, .. } = body.refined(Fineness::edge(0.6e-3)).unwrap();
+    assert!(reduced_nodes > 0);
+    // Against the same mesh whose coarse nodes are all test points: what the coarse body blends on its facets.
+    let own = varied_as(&body).refined(Fineness::edge(0.6e-3)).unwrap().body;
+    let force = |body: &Body, n: usize| body.node_response(n).unwrap().normal.value(5e-3);
+    let off = (0..fine.nodes().len()).map(|n| (force(&fine, n) / force(&own, n) - 1.0).abs());
+    let off = off.fold(0.0f64, f64::max);
+    println!("{reduced_nodes} of {} nodes reduced, off by {off:.4} at most", fine.nodes().len());
+    assert!(off < 0.02, "{off}");
+    // Where elements choose other triples than their neighbours the force steps by part of that 1 %: no cliff.
     let steepest = |body: &Body| {
         let force: Vec<f64> =
             (0..body.nodes().len()).map(|n| body.node_response(n).unwrap().normal.value(5e-3)).collect();
@@ -308,7 +327,7 @@ fn three_test_points_stay_where_more_come_together() {
     };
     let (coarse, refined) = (steepest(&body), steepest(&fine));
     println!("steepest {coarse:.3} → {refined:.3} N/m");
-    assert!(refined < 2.5 * coarse, "{coarse} {refined}");
+    assert!(refined < 4.0 * coarse, "{coarse} {refined}");
 }
 
 #[test]

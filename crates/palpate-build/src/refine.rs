@@ -83,10 +83,11 @@ fn notes(body: &Body, target: &Target, refined: &Refined) -> Vec<String> {
             body.nodes().len()
         ));
     }
-    if refined.moved_weight > 0.0 {
+    if refined.reduced_nodes > 0 {
         notes.push(format!(
-            "where more than three test points come together, up to {:.1} % of a node's weights moved to the heaviest",
-            refined.moved_weight * 1e2
+            "at {} of {} nodes more than three test points came together: the nearest three stand for them",
+            refined.reduced_nodes,
+            refined.body.nodes().len()
         ));
     }
     notes

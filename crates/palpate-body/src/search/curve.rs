@@ -4,7 +4,7 @@ use crate::parallel;
 use std::ops::Range;
 
 /// Bits of an axis of the curve's cells, and those of them that tell which bucket a cell is in.
-pub(super) const CELL_BITS: u32 = 20;
+pub(super) const CELL_BITS: u32 = 16;
 const BUCKET_BITS: u32 = 5;
 
 /// The numbers below `count` in the order in which their cells lie along the curve: bucket by bucket, since beside a body that
@@ -12,8 +12,7 @@ const BUCKET_BITS: u32 = 5;
 pub(super) fn along_curve(count: u32, cell: impl Fn(u32) -> [u32; 3] + Sync) -> Vec<u32> {
     const BUCKETS: usize = 1 << (3 * BUCKET_BITS);
     let bucket = |i: usize| hilbert(cell(i as u32).map(|x| x >> (CELL_BITS - BUCKET_BITS)), BUCKET_BITS);
-    let mut buckets: Vec<u16> = Vec::new();
-    parallel::extend(&mut buckets, count as usize, |i| bucket(i) as u16);
+    let buckets: Vec<u16> = parallel::collect(count as usize, |i| bucket(i) as u16);
     let mut ends = vec![0u32; BUCKETS + 1];
     buckets.iter().for_each(|&b| ends[usize::from(b) + 1] += 1);
     for b in 0..BUCKETS {
@@ -98,7 +97,7 @@ mod tests {
     #[test]
     fn the_order_is_that_of_all_keys() {
         let cell = |i: u32| {
-            [7919, 104_729, 1_299_709].map(|p: u32| i.wrapping_mul(p).wrapping_mul(i) >> 12 & 0xfffff)
+            [7919, 104_729, 1_299_709].map(|p: u32| i.wrapping_mul(p).wrapping_mul(i) >> (32 - CELL_BITS))
         };
         let mut keyed: Vec<_> = (0..5000).map(|i| (hilbert(cell(i), CELL_BITS), i)).collect();
         keyed.sort_unstable();

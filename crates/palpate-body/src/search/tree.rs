@@ -184,14 +184,14 @@ impl Search {
 
         let corners = |e: &u32| nodes(*e as usize).map(|n| positions[n as usize]);
         let group = |members: &[u32]| Box3::around(members.iter().flat_map(corners));
-        let mut search = Search { levels: vec![Vec::new()], ..Search::default() };
-        parallel::extend(&mut search.levels[0], order.len().div_ceil(FANOUT * FANOUT), |i| {
+        let leaves = parallel::collect(order.len().div_ceil(FANOUT * FANOUT), |i| {
             let members = &order[i * FANOUT * FANOUT..];
             let groups = members.chunks(FANOUT).take(FANOUT);
             let mut boxes = [Box3::EMPTY; FANOUT];
             boxes.iter_mut().zip(groups).for_each(|(b, members)| *b = group(members));
             side_by_side(&boxes)
         });
+        let mut search = Search { levels: vec![leaves], ..Search::default() };
         search.order = order;
         search.raise();
         search
@@ -214,8 +214,7 @@ impl Search {
     /// Learns the elements' own boxes: queries then look at fewer elements.
     pub fn refine(&mut self, corners: impl Fn(u32) -> [DVec3; 3] + Sync) {
         let Search { order, levels, elements } = self;
-        elements.clear();
-        parallel::extend(elements, order.len().div_ceil(FANOUT), |group| {
+        *elements = parallel::collect(order.len().div_ceil(FANOUT), |group| {
             let grid = Grid::over(&one_of(&levels[0][group / FANOUT], group % FANOUT));
             let mut all = [[[255; FANOUT]; 3], [[0; FANOUT]; 3]];
             for (i, &element) in order[group * FANOUT..].iter().take(FANOUT).enumerate() {
