@@ -667,12 +667,20 @@ impl HullCache {
             }),
         };
         self.last = Some((points, at));
-        let quotient = |[a, b, c]: &[f64; 3]| {
-            let slope = (g2 * (b - a) + g3 * (c - a)).length();
-            let force = node.weights[0] * a + node.weights[1] * b + node.weights[2] * c;
-            if slope == 0.0 { 0.0 } else { slope / force }
+        let both = |[a, b, c]: &[f64; 3]| {
+            let slope = g2 * (b - a) + g3 * (c - a);
+            (slope, node.weights[0] * a + node.weights[1] * b + node.weights[2] * c)
         };
-        Some(self.hulls[at].as_ref()?.iter().map(quotient).fold(0.0, f64::max))
+        // Compared by squares, without a root or a quotient.
+        let (mut most, mut square, mut below) = (&[0.0; 3], 0.0, 1.0);
+        for point in self.hulls[at].as_ref()? {
+            let (slope, force) = both(point);
+            if slope.length_squared() * below > square * (force * force) {
+                (most, square, below) = (point, slope.length_squared(), force * force);
+            }
+        }
+        let (slope, force) = both(most);
+        Some(if square == 0.0 { 0.0 } else { slope.length() / force })
     }
 }
 
