@@ -4,6 +4,7 @@ use crate::curve::Curve;
 use crate::error::{BodyError, Result};
 use crate::gradient::Gradients;
 use crate::model::{ContactModel, identity, sampled};
+use crate::parallel;
 use crate::potential::{CoupledLaw, Potential, Potentials};
 use crate::response::{Response, Responses};
 use crate::search::Search;
@@ -396,9 +397,8 @@ impl Body {
                 (Responses::knots_alone(knots, law.range_m)?, potentials)
             }
         };
-        let nodes = surface.positions.iter().zip(&surface.inward).zip(&blends);
-        let nodes = nodes.map(|((&position, &inward), blend)| Node::new(position, inward, blend));
-        let nodes: Vec<Node> = nodes.collect();
+        let node = |n: usize| Node::new(surface.positions[n], surface.inward[n], &blends[n]);
+        let nodes = parallel::collect(blends.len(), node);
         let mut search = Search::build(&surface.positions, elements.len(), |e| elements[e].nodes);
         search.refine(|e| elements[e as usize].nodes.map(|n| surface.positions[n as usize]));
         let which = sampled(points);
@@ -435,6 +435,12 @@ impl Body {
     /// The same with the tank that keeps slip from giving out energy, or without.
     pub fn with_tank(mut self, tank: bool) -> Self {
         self.model.tank = tank;
+        self
+    }
+
+    /// The same with another account of where it came from.
+    pub fn with_provenance(mut self, provenance: Provenance) -> Self {
+        self.provenance = provenance;
         self
     }
 
@@ -604,16 +610,16 @@ pub(crate) fn check_surface(
     if let Some(n) = vertices.iter().position(|&v| v as usize >= positions.len()) {
         return bad(format!("node {n}"), "it names a vertex that does not exist");
     }
-    for (n, p) in positions.iter().enumerate() {
-        check_position("node", n, *p)?;
-    }
-    for (t, element) in elements.all().enumerate() {
+    parallel::check(positions.len(), |n| check_position("node", n, positions[n]))?;
+    parallel::check(count, |t| {
+        let element = elements.element(t);
         if element.nodes.iter().any(|&n| n as usize >= positions.len()) {
             return bad(format!("element {t}"), "it names a node that does not exist");
         }
-        check_area(t, element.nodes.map(|n| positions[n as usize]))?;
-    }
-    for (t, element) in elements.all().enumerate() {
+        check_area(t, element.nodes.map(|n| positions[n as usize]))
+    })?;
+    parallel::check(count, |t| {
+        let element = elements.element(t);
         for i in 0..3 {
             let twin = element.twins[i];
             if twin == NO_TWIN {
@@ -634,7 +640,8 @@ pub(crate) fn check_surface(
                 return bad(format!("element {t}"), "it and its neighbour do not agree on their shared edge");
             }
         }
-    }
+        Ok(())
+    })?;
     // By vertices: at a crease several nodes share a fan.
     check_fans(positions, elements.all().map(|e| e.nodes.map(|n| vertices[n as usize])))?;
     check_normals(inward, positions, elements)

@@ -1,6 +1,7 @@
 //! The triangulated surface of a body at rest: nodes, elements, and who is whose neighbour.
 
 use crate::error::{BodyError, Result};
+use crate::parallel;
 use glam::DVec3;
 
 /// A triangle mesh as it was read or generated: positions in m, triangles anticlockwise seen from outside.
@@ -41,7 +42,7 @@ pub struct Element {
 }
 
 /// Elements, however they lie in memory.
-pub(crate) trait Elements: Copy {
+pub(crate) trait Elements: Copy + Sync {
     fn count(self) -> usize;
     /// Element `e` < `count`.
     fn element(self, e: usize) -> Element;
@@ -255,36 +256,39 @@ pub(crate) fn check_normals(inward: &[DVec3], positions: &[DVec3], elements: imp
             "give one for each node",
         ));
     }
-    for (n, u) in inward.iter().enumerate() {
-        if !u.is_normalized() {
-            return Err(BodyError::invalid(
-                format!("normal {n}"),
-                "it is not a unit vector",
-                "normalise it, to 1e-4",
-            ));
+    parallel::check(inward.len(), |n| {
+        if inward[n].is_normalized() {
+            return Ok(());
         }
-    }
+        Err(BodyError::invalid(format!("normal {n}"), "it is not a unit vector", "normalise it, to 1e-4"))
+    })?;
     let outward = |e: &Element| {
         let [a, b, c] = e.nodes.map(|n| positions[n as usize]);
         let face = (c - a).cross(b - a);
         e.nodes.iter().all(|&n| inward[n as usize].dot(face) < 0.0)
     };
-    if 2 * elements.all().filter(outward).count() > elements.count() {
+    let counts = parallel::in_parts(elements.count(), |range| {
+        range.filter(|&e| outward(&elements.element(e))).count()
+    });
+    if 2 * counts.iter().sum::<usize>() > elements.count() {
         return Err(BodyError::invalid(
             "normals",
             "most of them point out of the body",
             "turn them, or the triangles, round",
         ));
     }
-    if let Some(t) = elements.all().position(|e| opposes(&e, inward)) {
-        let p = positions[elements.element(t).nodes[0] as usize];
-        return Err(BodyError::invalid(
+    parallel::check(elements.count(), |t| {
+        let element = elements.element(t);
+        if !opposes(&element, inward) {
+            return Ok(());
+        }
+        let p = positions[element.nodes[0] as usize];
+        Err(BodyError::invalid(
             format!("triangle {t} at ({:.6}, {:.6}, {:.6}) m", p.x, p.y, p.z),
             "the inward normals of its nodes oppose each other: the surface is folded too sharply there",
             "refine or smooth the mesh there, or keep the edge sharp with a crease angle",
-        ));
-    }
-    Ok(())
+        ))
+    })
 }
 
 /// Whether the blend of an element's three normals may come near to vanishing in it: it does not as long as all three
@@ -296,7 +300,7 @@ fn opposes(element: &Element, inward: &[DVec3]) -> bool {
 }
 
 /// Twin half-edges by sorting undirected edges.
-fn twins(triangles: &[[u32; 3]]) -> Result<Vec<[u32; 3]>> {
+pub(crate) fn twins(triangles: &[[u32; 3]]) -> Result<Vec<[u32; 3]>> {
     let mut edges: Vec<(u64, u32)> = Vec::with_capacity(3 * triangles.len());
     for (t, v) in triangles.iter().enumerate() {
         for i in 0..3 {

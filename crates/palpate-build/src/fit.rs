@@ -1,5 +1,6 @@
 //! Measured or given curves on a surface: the body that `palpate fit` makes.
 
+use crate::refine::to_sagitta;
 use crate::spec::{Friction, Geometry, Spec};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
@@ -119,9 +120,12 @@ impl FitInputs {
             tank: spec.is_none_or(|s| s.tank),
             provenance,
         });
-        let body = body.map_err(|e| {
+        let named = |e: palpate_body::BodyError| {
             inputs.first().map_or_else(|| anyhow!("{e}"), |input| anyhow!("{}: {e}", input.display()))
-        })?;
+        };
+        let sagitta_m = spec.and_then(|s| s.sagitta_m).unwrap_or(0.0);
+        let body = body.and_then(|body| to_sagitta(body, sagitta_m)).map_err(named)?;
+        let notes = body.provenance().notes.clone();
         Ok(FittedBody { body, notes, report })
     }
 
@@ -131,16 +135,9 @@ impl FitInputs {
         let crease_angle = self.crease_angle.or(spec.and_then(|s| s.crease_angle));
         let crease_angle = crease_angle.unwrap_or(f64::INFINITY);
         if let Some(path) = self.mesh_file() {
-            if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("msh")) {
-                bail!(
-                    "{}: .msh files are not read; convert it to .stl or .vtk, e.g. with Gmsh",
-                    path.display()
-                );
-            }
-            let triangles = import::read(path, self.unit.or(spec.and_then(|s| s.unit)))?;
-            let options = Options { allow_open: self.open || spec.is_some_and(|s| s.open) };
-            let (triangles, report) = repair::repair(triangles, options).map_err(|e| e.in_file(path))?;
-            notes.extend(report.notes.iter().map(|note| format!("{}: {note}", path.display())));
+            let (unit, open) =
+                (self.unit.or(spec.and_then(|s| s.unit)), self.open || spec.is_some_and(|s| s.open));
+            let triangles = read_mesh(path, unit, open, notes)?;
             self.check_size(path, &triangles)?;
             return Ok(Surface::build(&triangles, crease_angle).map_err(|e| e.in_file(path))?);
         }
@@ -219,6 +216,37 @@ impl FitInputs {
         let nodes: Vec<u32> = (0..responses.len() as u32).collect();
         Ok((nodes.iter().map(|&n| BlendWeights::own(n)).collect(), responses, nodes, None))
     }
+}
+
+/// A surface mesh, repaired; what was repaired goes to `notes`.
+fn read_mesh(
+    path: &Path,
+    unit: Option<LengthUnit>,
+    allow_open: bool,
+    notes: &mut Vec<String>,
+) -> Result<TriangleMesh> {
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("msh")) {
+        bail!("{}: .msh files are not read; convert it to .stl or .vtk, e.g. with Gmsh", path.display());
+    }
+    let triangles = import::read(path, unit)?;
+    let (triangles, report) =
+        repair::repair(triangles, Options { allow_open }).map_err(|e| e.in_file(path))?;
+    notes.extend(report.notes.iter().map(|note| format!("{}: {note}", path.display())));
+    Ok(triangles)
+}
+
+/// The surface of a mesh file, and what was repaired in it.
+pub(crate) fn read_surface(
+    path: &Path,
+    unit: Option<LengthUnit>,
+    open: bool,
+    crease_angle: f64,
+) -> Result<(Surface, Vec<String>)> {
+    let mut notes = Vec::new();
+    let triangles = read_mesh(path, unit, open, &mut notes)?;
+    let surface = Surface::build(&triangles, crease_angle).map_err(|e| e.in_file(path))?;
+    notes.extend(folds(&surface));
+    Ok((surface, notes))
 }
 
 /// Nodes that a law gives responses of their own to: 2 kB each.

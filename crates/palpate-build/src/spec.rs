@@ -35,6 +35,8 @@ pub struct Spec {
     pub open: bool,
     /// Edges that turn by more are creases, rad.
     pub crease_angle: Option<f64>,
+    /// How far facets may be from the smooth surface, m; 0: as they are. `None`: the spec does not say.
+    pub sagitta_m: Option<f64>,
     /// Coefficients over depth.
     pub friction: Option<Friction>,
     /// How far the responses reach.
@@ -103,6 +105,7 @@ struct RawBody {
     #[serde(default)]
     open: bool,
     crease_angle_deg: Option<Spanned<f64>>,
+    sagitta_um: Option<Spanned<f64>>,
     shape: Option<Spanned<ShapeSpec>>,
     fixed: Option<toml::Value>,
 }
@@ -143,12 +146,16 @@ impl Spec {
         let crease_angle = body
             .and_then(|b| b.crease_angle_deg.as_ref())
             .map(|angle| source.within(angle, "crease_angle_deg", 0.0..=180.0).map(f64::to_radians));
+        let sagitta = body
+            .and_then(|b| b.sagitta_um.as_ref())
+            .map(|sagitta| source.within(sagitta, "sagitta_um", 0.0..=1e6).map(|um| um * 1e-6));
         let law = raw.response.as_ref().map(|r| law(&source, r)).transpose()?;
         Ok(Spec {
             geometry,
             unit: body.and_then(|b| b.unit),
             open: body.is_some_and(|b| b.open),
             crease_angle: crease_angle.transpose()?,
+            sagitta_m: sagitta.transpose()?,
             friction: raw.friction.as_ref().map(|f| friction(&source, f)).transpose()?,
             deflection: raw.deflection.as_ref().map(|d| deflection(&source, d)).transpose()?,
             tool: raw.tool.as_ref().map_or(Ok(ToolShape::Point), |t| tool(&source, t))?.of_body(),

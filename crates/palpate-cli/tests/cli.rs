@@ -128,6 +128,56 @@ fn mesh_and_samples(directory: &TestDirectory) {
 }
 
 #[test]
+fn a_body_is_refined_over_the_same_test_points() {
+    let directory = TestDirectory::with_body();
+    mesh_and_samples(&directory);
+    let report = directory.json("refine c.body -o fine.body --json");
+    let fine = directory.json("inspect fine.body --json");
+    assert_eq!((&report["triangles"], &report["triangles_before"]), (&fine["triangles"], &528.into()));
+    assert!(fine["triangles"].as_u64() > Some(5000) && fine["test_points"] == 288, "{report}");
+    assert!(fine["border_edges"].as_u64() > Some(300));
+    let notes = fine["provenance"]["notes"].to_string();
+    assert!(notes.contains("10.0 µm") && notes.contains("528 triangles"), "{notes}");
+    let finer = directory.json("refine c.body --sagitta-um 1 -o finer.body --json");
+    assert!(finer["triangles"].as_u64() > report["triangles"].as_u64());
+    let even = directory.json("refine c.body --edge-length-mm 4 -o even.body --json");
+    assert!(even["triangles"].as_u64() > Some(528 * 4), "{even}");
+    // A spec asks for the same, which `fit` does only where it is asked.
+    directory.write("fine.toml", format!("[body]\nsagitta_um = 10\n{SPEC}"));
+    directory.done("fit --spec fine.toml -o asked.body");
+    assert_eq!(directory.json("inspect asked.body --json")["triangles"], report["triangles"]);
+    // The same path, the same work, but for the ridges.
+    let work = |body: &str| {
+        directory.done(&format!("trace {body} --path path.csv -o t.csv"));
+        fs::read_to_string(directory.path("t.csv")).unwrap().lines().count()
+    };
+    assert_eq!(work("c.body"), work("fine.body"));
+    assert!(directory.done("refine fine.body -o again.body").stderr.contains("nothing was divided"));
+
+    directory.done("fit --mesh sphere.obj --unit mm --samples samples.csv --friction 0.3 -o s.body");
+    let own = Shape::Sphere { radius_mm: 20.0 };
+    let mesh = own.mesh(Resolution { edge_length_mm: Some(1.5), ..Default::default() }).unwrap();
+    let mut obj = String::new();
+    for p in &mesh.positions {
+        writeln!(obj, "v {} {} {}", p.x * 1e3, p.y * 1e3, p.z * 1e3).unwrap();
+    }
+    for t in &mesh.triangles {
+        writeln!(obj, "f {} {} {}", t[0] + 1, t[1] + 1, t[2] + 1).unwrap();
+    }
+    directory.write("own.obj", obj);
+    let report = directory.json("refine s.body --mesh own.obj --unit mm -o own.body --json");
+    assert_eq!((&report["triangles"], &report["test_points"]), (&mesh.triangles.len().into(), &2.into()));
+
+    directory.refused("refine c.body --sagitta-um 0 -o x.body", &["--sagitta-um", "positive"]);
+    directory.refused("refine c.body --edge-length-mm nan -o x.body", &["--edge-length-mm", "positive"]);
+    directory.refused("refine c.body --sagitta-um 1e-7 -o x.body", &["c.body", "0.0000001 µm", "larger"]);
+    directory.refused("refine c.body -o c.body", &["c.body"]);
+    directory.refused("refine s.body --mesh own.obj --unit m -o x.body", &["own.obj", "unit"]);
+    assert_eq!(directory.run("refine c.body --mesh own.obj -o x.body").code, 2);
+    assert_eq!(directory.run("refine c.body --sagitta-um 1 --edge-length-mm 1 -o x.body").code, 2);
+}
+
+#[test]
 fn a_law_becomes_a_body_a_trace_and_tables() {
     let directory = TestDirectory::with_body();
     let inspection = directory.json("inspect c.body --json --plots pictures");
@@ -418,6 +468,8 @@ fn wrong_specs_are_refused_with_their_line() {
         (format!("{SPEC}[tool]\nshape = \"sphere\"\n"), &["bad.toml:27", "radius_mm"]),
         (format!("{SPEC}[tool]\nshape = \"point\"\nradius_mm = 3\n"), &["bad.toml:29", "no radius"]),
         (format!("[body]\nmesh = \"a.stl\"\n{SPEC}"), &["bad.toml:4", "a mesh and a shape"]),
+        (format!("[body]\nsagitta_um = -1\n{SPEC}"), &["bad.toml:2", "sagitta_um"]),
+        (format!("[body]\nsagitta_um = 1e-9\n{SPEC}"), &["bad.toml", "sagitta_um", "50000000", "larger"]),
         (format!("[body]\ncrease_angle_deg = 200\n{SPEC}"), &["bad.toml:2", "crease_angle_deg"]),
         (format!("[body]\nunit = \"inch\"\n{SPEC}"), &["bad.toml:2", "inch"]),
     ];

@@ -14,6 +14,7 @@ fn the_demo_passes_and_writes_everything() {
     let report = run(&out).unwrap();
     bars(&report);
     closed_loops(&report);
+    ridges(&report);
     json(&out);
     pictures(&out);
     assert!(std::fs::read(out.join("loops.png")).unwrap().starts_with(b"\x89PNG"));
@@ -66,6 +67,19 @@ fn closed_loops(report: &Report) {
     assert!(cycling[0] == 0 && cycling[1] > 0 && cycling[3] > 0, "{cycling:?}");
 }
 
+/// Flat facets jump, the paper's interpolation ripples; on a refined surface neither is left.
+fn ridges(report: &Report) {
+    let [flat, smooth, refined] = report.ridges.as_slice() else { panic!("three surfaces") };
+    assert!(refined.ripple_percent < 0.2 && refined.ripple_n < 3e-3, "{refined:?}");
+    assert!((9.0..13.0).contains(&smooth.ripple_percent), "{smooth:?}");
+    assert!((24.0..40.0).contains(&flat.largest_step_percent), "{flat:?}");
+    assert!(
+        smooth.largest_step_percent < 1.5 && refined.largest_step_percent < 0.5,
+        "{smooth:?} {refined:?}"
+    );
+    assert!(refined.triangles > 10 * smooth.triangles && smooth.triangles == 528);
+}
+
 /// The body and path that are written give the experiment again, to the bit.
 fn going_on(out: &Path, report: &Report) {
     let body = Body::open(&out.join("cylinder.body")).unwrap();
@@ -94,7 +108,7 @@ fn json(out: &Path) {
 }
 
 fn pictures(out: &Path) {
-    for name in ["force.png", "clicks.png", "curves.png", "body.png", "rules.png"] {
+    for name in ["force.png", "clicks.png", "curves.png", "body.png", "rules.png", "ridges.png"] {
         let bytes = std::fs::read(out.join(name)).unwrap();
         assert!(bytes.starts_with(b"\x89PNG") && bytes.len() > 10_000, "{name}");
     }

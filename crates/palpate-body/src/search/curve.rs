@@ -1,35 +1,45 @@
 //! The order of the elements: along a Hilbert curve, so that what is near in space is near in memory.
 
+use crate::parallel;
+use std::ops::Range;
+
 /// Bits of an axis of the curve's cells, and those of them that tell which bucket a cell is in.
-pub(super) const CELL_BITS: u32 = 20;
+pub(super) const CELL_BITS: u32 = 16;
 const BUCKET_BITS: u32 = 5;
 
 /// The numbers below `count` in the order in which their cells lie along the curve: bucket by bucket, since beside a body that
 /// hardly fits into memory there is no room for all keys.
-pub(super) fn along_curve(count: u32, cell: impl Fn(u32) -> [u32; 3]) -> Vec<u32> {
+pub(super) fn along_curve(count: u32, cell: impl Fn(u32) -> [u32; 3] + Sync) -> Vec<u32> {
     const BUCKETS: usize = 1 << (3 * BUCKET_BITS);
-    let bucket = |i: u32| hilbert(cell(i).map(|x| x >> (CELL_BITS - BUCKET_BITS)), BUCKET_BITS) as usize;
+    let bucket = |i: usize| hilbert(cell(i as u32).map(|x| x >> (CELL_BITS - BUCKET_BITS)), BUCKET_BITS);
+    let buckets: Vec<u16> = parallel::collect(count as usize, |i| bucket(i) as u16);
     let mut ends = vec![0u32; BUCKETS + 1];
-    (0..count).for_each(|i| ends[bucket(i) + 1] += 1);
+    buckets.iter().for_each(|&b| ends[usize::from(b) + 1] += 1);
     for b in 0..BUCKETS {
         ends[b + 1] += ends[b];
     }
     let starts = ends.clone();
     let mut order = vec![0; count as usize];
-    for i in 0..count {
-        let end = &mut ends[bucket(i)];
-        order[*end as usize] = i;
+    for (i, &b) in buckets.iter().enumerate() {
+        let end = &mut ends[usize::from(b)];
+        order[*end as usize] = i as u32;
         *end += 1;
     }
-    let mut keyed = Vec::new();
-    for bounds in starts.windows(2) {
-        let numbers = &mut order[bounds[0] as usize..bounds[1] as usize];
-        keyed.clear();
-        keyed.extend(numbers.iter().map(|&i| (hilbert(cell(i), CELL_BITS), i)));
-        keyed.sort_unstable();
-        numbers.iter_mut().zip(&keyed).for_each(|(slot, (_, i))| *slot = *i);
-    }
-    order
+    drop(buckets);
+    // Those of the buckets that begin in a range.
+    let sorted = |range: Range<usize>| {
+        let at = |number: usize| starts[..BUCKETS].partition_point(|&s| (s as usize) < number);
+        let (mut keyed, mut sorted) = (Vec::new(), Vec::with_capacity(range.len()));
+        for bounds in starts[at(range.start)..=at(range.end)].windows(2) {
+            let numbers = &order[bounds[0] as usize..bounds[1] as usize];
+            keyed.clear();
+            keyed.extend(numbers.iter().map(|&i| (hilbert(cell(i), CELL_BITS), i)));
+            keyed.sort_unstable();
+            sorted.extend(keyed.iter().map(|(_, i)| *i));
+        }
+        sorted
+    };
+    parallel::in_parts(count as usize, sorted).concat()
 }
 
 /// Position along a 3-D Hilbert curve of `bits` bits an axis, at most 21 (Skilling 2004). Its first digits are those of the
@@ -39,13 +49,11 @@ fn hilbert(mut x: [u32; 3], bits: u32) -> u64 {
     while q > 1 {
         let p = q - 1;
         for i in 0..3 {
-            if x[i] & q != 0 {
-                x[0] ^= p;
-            } else {
-                let t = (x[0] ^ x[i]) & p;
-                x[0] ^= t;
-                x[i] ^= t;
-            }
+            // Without a branch, which nobody could predict.
+            let set = 0u32.wrapping_sub(u32::from(x[i] & q != 0));
+            let t = (x[0] ^ x[i]) & p & !set;
+            x[0] ^= t | (p & set);
+            x[i] ^= t;
         }
         q >>= 1;
     }
@@ -89,7 +97,7 @@ mod tests {
     #[test]
     fn the_order_is_that_of_all_keys() {
         let cell = |i: u32| {
-            [7919, 104_729, 1_299_709].map(|p: u32| i.wrapping_mul(p).wrapping_mul(i) >> 12 & 0xfffff)
+            [7919, 104_729, 1_299_709].map(|p: u32| i.wrapping_mul(p).wrapping_mul(i) >> (32 - CELL_BITS))
         };
         let mut keyed: Vec<_> = (0..5000).map(|i| (hilbert(cell(i), CELL_BITS), i)).collect();
         keyed.sort_unstable();

@@ -3,6 +3,7 @@
 //! time, and walk the tree with a fixed stack.
 
 use super::curve::{CELL_BITS, along_curve};
+use crate::parallel;
 use crate::patch::Queue;
 use glam::DVec3;
 use std::array::from_fn;
@@ -170,7 +171,7 @@ pub(crate) struct Search {
 
 impl Search {
     /// Over `count` elements whose nodes are `nodes(element)`.
-    pub fn build(positions: &[DVec3], count: usize, nodes: impl Fn(usize) -> [u32; 3]) -> Self {
+    pub fn build(positions: &[DVec3], count: usize, nodes: impl Fn(usize) -> [u32; 3] + Sync) -> Self {
         let bounds = Box3::around(positions.iter().copied());
         let low = bounds.low.map(f64::from);
         let size = (0..3).map(|i| bounds.high[i] as f64 - low[i]).fold(1e-9, f64::max);
@@ -182,9 +183,15 @@ impl Search {
         let order = along_curve(count as u32, cell);
 
         let corners = |e: &u32| nodes(*e as usize).map(|n| positions[n as usize]);
-        let mut leaves = order.chunks(FANOUT).map(|group| Box3::around(group.iter().flat_map(corners)));
-        let mut search = Search { levels: vec![Vec::new()], ..Search::default() };
-        fill(&mut search.levels[0], &mut leaves);
+        let group = |members: &[u32]| Box3::around(members.iter().flat_map(corners));
+        let leaves = parallel::collect(order.len().div_ceil(FANOUT * FANOUT), |i| {
+            let members = &order[i * FANOUT * FANOUT..];
+            let groups = members.chunks(FANOUT).take(FANOUT);
+            let mut boxes = [Box3::EMPTY; FANOUT];
+            boxes.iter_mut().zip(groups).for_each(|(b, members)| *b = group(members));
+            side_by_side(&boxes)
+        });
+        let mut search = Search { levels: vec![leaves], ..Search::default() };
         search.order = order;
         search.raise();
         search
@@ -205,22 +212,23 @@ impl Search {
     }
 
     /// Learns the elements' own boxes: queries then look at fewer elements.
-    pub fn refine(&mut self, corners: impl Fn(u32) -> [DVec3; 3]) {
+    pub fn refine(&mut self, corners: impl Fn(u32) -> [DVec3; 3] + Sync) {
         let Search { order, levels, elements } = self;
-        elements.clear();
-        elements.extend(order.chunks(FANOUT).enumerate().map(|(group, members)| {
+        *elements = parallel::collect(order.len().div_ceil(FANOUT), |group| {
             let grid = Grid::over(&one_of(&levels[0][group / FANOUT], group % FANOUT));
             let mut all = [[[255; FANOUT]; 3], [[0; FANOUT]; 3]];
-            for (i, &element) in members.iter().enumerate() {
+            for (i, &element) in order[group * FANOUT..].iter().take(FANOUT).enumerate() {
+                let corners = corners(element);
                 for axis in 0..3 {
-                    let x = corners(element).map(|p| (p[axis] - grid.offset[axis]) / grid.scale[axis]);
-                    // A cast stays within 0 to 255; a millionth of a cell is far beyond rounding.
-                    all[0][axis][i] = (x[0].min(x[1]).min(x[2]) - 1e-6).floor() as u8;
-                    all[1][axis][i] = (x[0].max(x[1]).max(x[2]) + 1e-6).ceil() as u8;
+                    let x = corners.map(|p| (p[axis] - grid.offset[axis]) / grid.scale[axis]);
+                    // A cast cuts off and stays within 0 to 255; a millionth of a cell is far beyond rounding.
+                    all[0][axis][i] = (x[0].min(x[1]).min(x[2]) - 1e-6) as u8;
+                    let high = x[0].max(x[1]).max(x[2]) + 1e-6;
+                    all[1][axis][i] = (high as u8).saturating_add(u8::from(f64::from(high as u8) < high));
                 }
             }
             all
-        }));
+        });
     }
 
     /// How many elements it is over.

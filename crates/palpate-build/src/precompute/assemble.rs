@@ -129,6 +129,7 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
         tank: spec.tank,
         provenance,
     })
+    .and_then(|body| to_sagitta(body, spec.sagitta_m.unwrap_or(DEFAULT_SAGITTA_M)))
     .map_err(in_spec)?;
     Ok(Assembled { body, report, stops: told })
 }

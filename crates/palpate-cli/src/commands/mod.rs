@@ -9,6 +9,7 @@ pub mod fit;
 pub mod inspect;
 pub mod merge;
 pub mod precompute;
+pub mod refine;
 pub mod run;
 mod run_options;
 pub mod shell;

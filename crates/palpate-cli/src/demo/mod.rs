@@ -10,6 +10,7 @@ pub mod loops;
 pub mod path;
 pub mod pictures;
 pub mod report;
+pub mod ridges;
 pub mod rules;
 pub mod sound;
 pub mod view;
@@ -67,6 +68,8 @@ fn write(
     pictures::clicks(&into.join("clicks.png"), coarse)?;
     pictures::curves(&into.join("curves.png"), body)?;
     report.add_rules(rules::run()?);
+    report.add_ridges(ridges::run()?);
+    ridges::picture(&into.join("ridges.png"), &report.ridges)?;
     rules::picture(&into.join("rules.png"), &report.slip_rules)?;
     view::body(&into.join("body.png"), body, coarse)?;
     for (((name, _), rollout), setting) in SETTINGS.iter().zip(&finer.settings).zip(&mut report.settings) {

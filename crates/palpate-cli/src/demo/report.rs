@@ -1,6 +1,7 @@
 //! What the experiment found, as `report.json` holds it, and the bars it must reach.
 
 use super::experiment::{CLICK, Rate, Rollout, SETTINGS};
+use super::ridges::{self, Ridges};
 use super::rules::{self, Cycle};
 use super::{cylinder, path, sound};
 use serde::Serialize;
@@ -27,6 +28,8 @@ pub struct Report {
     pub samples_without_bound: [usize; 3],
     /// What each slip rule hands out.
     pub slip_rules: Vec<Cycle>,
+    /// What of a mesh is felt.
+    pub ridges: Vec<Ridges>,
     /// The path.
     pub path: PathFacts,
     /// The body.
@@ -135,6 +138,7 @@ impl Report {
             lipschitz_n_per_m: coarse.bounds.into(),
             samples_without_bound: [0, 1, 2].map(|i| rates[i].unbounded),
             slip_rules: Vec::new(),
+            ridges: Vec::new(),
             path: PathFacts {
                 duration_s: path::DURATION,
                 fastest_m_per_s: coarse.fastest,
@@ -165,6 +169,13 @@ impl Report {
         self.shortfalls.extend(rules::judge(&cycles));
         self.passed = self.shortfalls.is_empty();
         self.slip_rules = cycles;
+    }
+
+    /// Adds the ridges, and what they fell short of.
+    pub fn add_ridges(&mut self, ridges: Vec<Ridges>) {
+        self.shortfalls.extend(ridges::judge(&ridges));
+        self.passed = self.shortfalls.is_empty();
+        self.ridges = ridges;
     }
 
     /// One sentence for each bar that was not reached.

@@ -2,7 +2,7 @@
 
 use super::pictures::{CLOSE_UP, TITLES};
 use super::report::{ABLATED_EXCESS_MIN, EXCESS_MAX, REFINEMENT_MAX, Report, Setting};
-use super::rules;
+use super::{ridges, rules};
 use std::fmt::Write;
 
 /// The table of the settings, for a terminal and for the report.
@@ -84,6 +84,19 @@ what the energy's own slope does to the contact point and hands out next to noth
 hands out nothing at all, but it clicks. `rules.png` shows the energy as it comes and goes.
 
 {rules}
+## Ridges
+
+Interpolation takes the jumps away, not the ridges: depth is measured from a flat facet, and the tube has 24 of them. So the
+surface itself can be **refined**: its triangles are divided until they follow the round surface through the nodes, over the
+same stored curves (`palpate refine`). A turn around a tube that is alike everywhere, 5 mm deep:
+
+{ridges}
+- **Ripple**: the greatest magnitude of the force less the least, in newtons and as a share of the mean.
+- **Largest step**: of the force from one sample to the next, with its direction. On flat facets it jumps at each edge.
+
+To pass, the force on the refined surface may ripple by less than {ripple_percent} % and {ripple_mn} mN. `ridges.png` shows a
+quarter of the turn.
+
 ## What the pictures show
 
 - `force.png`: the force in the four settings, outward (the body pushes back), around and along (friction). Red
@@ -132,6 +145,9 @@ palpate trace {folder}/cylinder.body --path {folder}/path.csv -o jumps.csv --abl
         triangles = body.triangles,
         friction = body.friction,
         table = table(report),
+        ridges = ridges::table(&report.ridges),
+        ripple_percent = ridges::RIPPLE_MAX.0,
+        ripple_mn = ridges::RIPPLE_MAX.1 * 1e3,
         rules = rules::table(&report.slip_rules),
         excess = EXCESS_MAX * 1e3,
         r10 = REFINEMENT_MAX[0],
