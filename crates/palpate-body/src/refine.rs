@@ -1,6 +1,6 @@
 //! A finer body over the same test points: facets that follow the smooth surface within a tolerance (LAW 6).
 //!
-//! Depth is measured from flat facets, so a coarse mesh is felt as ridges. The [smooth surface](smooth) of a body keeps its
+//! Depth is measured from flat facets, so a coarse mesh is felt as ridges. The smooth surface of a body keeps its
 //! nodes; its elements are divided until no facet is farther from it than the [`Fineness`] says, and each new node blends what
 //! its place in the coarse element blends.
 //!

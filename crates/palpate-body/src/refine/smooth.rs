@@ -2,8 +2,10 @@
 //!
 //! With p on the facet, nodes i with unit normals N_i and area coordinates n_i,
 //!
-//!     p* = p − ½ Σ n_i ((p − p_i)·N_i) N_i = p + Σ n_i n_j d_ij,
-//!     d_ij = ½ ((e·N_j) N_j − (e·N_i) N_i),  e = p_j − p_i,
+//! ```text
+//! p* = p − ½ Σ n_i ((p − p_i)·N_i) N_i = p + Σ n_i n_j d_ij,
+//! d_ij = ½ ((e·N_j) N_j − (e·N_i) N_i),  e = p_j − p_i,
+//! ```
 //!
 //! the sum over the three edges: a quadratic triangle whose edges bulge by d_ij/4 in their middle, whichever element they are
 //! seen from. Along a crease an end has two normals, N and M, and is projected onto the crease's tangent N × M in place of the
