@@ -81,6 +81,7 @@ pub(crate) struct Solver<'m> {
     /// ∂(energy + load)/∂u at `u`, N.
     pub gradient: Vec<f64>,
     stiffness: Stiffness,
+    body: Assembled,
     own: Option<Factor>,
     /// Iterations spent beyond what a fresh factor would have taken, since the last factorisation.
     wasted: f64,
@@ -91,6 +92,14 @@ pub(crate) struct Solver<'m> {
     curved: bool,
     single: Vec<f32>,
     scratch: Vec<f32>,
+}
+
+/// The body's share of what was assembled last.
+#[derive(Default)]
+struct Assembled {
+    u: Vec<f64>,
+    energy: f64,
+    gradient: Vec<f64>,
 }
 
 /// What the solves took.
@@ -145,6 +154,7 @@ impl<'m> Solver<'m> {
             u: vec![0.0; n],
             gradient: vec![0.0; n],
             stiffness: Stiffness::default(),
+            body: Assembled::default(),
             own: None,
             wasted: 0.0,
             counts: Counts::default(),
@@ -164,7 +174,16 @@ impl<'m> Solver<'m> {
     /// Energy, gradient and stiffness of body and load at `u`.
     fn assemble(&mut self, load: &Load) -> f64 {
         self.counts.assemblies += 1;
-        let mut energy = self.model.assemble(&self.u, &mut self.gradient, &mut self.stiffness);
+        if self.body.u == self.u {
+            // Only the load is another, which is cheap.
+            self.gradient.copy_from_slice(&self.body.gradient);
+            self.stiffness.without_added();
+        } else {
+            self.body.energy = self.model.assemble(&self.u, &mut self.gradient, &mut self.stiffness);
+            self.body.u.clone_from(&self.u);
+            self.body.gradient.clone_from(&self.gradient);
+        }
+        let mut energy = self.body.energy;
         if energy.is_finite() {
             energy += load.assemble(self.model, &self.u, &mut self.gradient, &mut self.stiffness);
         }

@@ -494,7 +494,7 @@ impl<'m, 't> LoadStepper<'m, 't> {
             Friction::Coulomb(_) => SLIPPING_STEP,
         };
         let size = contact.tool().size_m(target.depth_m.max(0.0));
-        (self.at.way_to(&target.pose) / (share * size)).ceil().clamp(1.0, MAX_PIECES)
+        (self.at.way_to(&target.pose) / (share * size) - 1e-6).ceil().clamp(1.0, MAX_PIECES)
     }
 
     /// Goes to the target, in smaller steps where the whole one fails.

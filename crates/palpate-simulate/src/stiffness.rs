@@ -77,10 +77,13 @@ impl Pattern {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Stiffness {
     pub blocks: Vec<[f64; 9]>,
+    /// Blocks that [`Stiffness::add_block`] has changed, and what they were.
+    before: Vec<(u32, [f64; 9])>,
 }
 
 impl Stiffness {
     pub fn clear(&mut self, pattern: &Pattern) {
+        self.before.clear();
         self.blocks.clear();
         self.blocks.resize(pattern.rows.len(), [0.0; 9]);
     }
@@ -102,10 +105,18 @@ impl Stiffness {
         }
     }
 
+    /// Takes back what [`Stiffness::add_block`] has added.
+    pub fn without_added(&mut self) {
+        while let Some((block, value)) = self.before.pop() {
+            self.blocks[block as usize] = value;
+        }
+    }
+
     /// Adds a symmetric block between two nodes: `value` for (i, j), and by symmetry for (j, i).
     pub fn add_block(&mut self, pattern: &Pattern, i: u32, j: u32, value: &[f64; 9]) {
         let Some(block) = pattern.block(i, j) else { return };
         let target = &mut self.blocks[block as usize];
+        self.before.push((block, *target));
         for r in 0..3 {
             for c in 0..3 {
                 target[3 * r + c] += if i >= j { value[3 * r + c] } else { value[3 * c + r] };
