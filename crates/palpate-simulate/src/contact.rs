@@ -19,6 +19,10 @@ use glam::{DMat3, DVec3};
 /// Penalty in contact moduli E/(1 − ν²) over the face's size.
 const PENALTY: f64 = 50.0;
 
+/// How much of the Hessian's softening along a slip is taken, between the secant's stiffness (0) and Newton's (1): under a sphere
+/// on a half space presses with partial slip took 53 steps, with 0 and 1 they took 116 and 74.
+const TOWARDS_NEWTON: f64 = 0.7;
+
 /// Points of a face.
 const POINTS: usize = 6;
 
@@ -438,10 +442,12 @@ impl Touch<'_> {
             tangent += outer(self.normal) + self.curvature * self.distance;
         }
         if let Some(grip) = self.grip {
+            // Beyond the limit the energy goes on straight and has no stiffness along the slip: Newton's steps overshoot, and
+            // points flip between stick and slip. The secant's stiffness never does, but converges slowly.
+            let (s, limit) = (grip.stretch.length(), grip.anchor.limit);
             let plane = DMat3::IDENTITY - outer(grip.normal);
-            tangent += if self.slips() {
-                let s = grip.stretch.length();
-                (plane - outer(grip.stretch / s)) * (grip.anchor.limit / s)
+            tangent += if s > limit {
+                (plane - outer(grip.stretch / s) * TOWARDS_NEWTON) * (limit / s)
             } else {
                 plane
             };

@@ -21,11 +21,11 @@ const POISSON: f64 = 0.3;
 /// A half of a half space that is cut along y = 0, finer around the origin, where the sphere touches.
 fn half_space() -> Model {
     let contact = (RADIUS_M * DEPTH_M).sqrt();
-    let side = 100.0 * contact;
+    let side = 60.0 * contact;
     let block = Shape::Block { size_mm: [1e3 * side, 0.5e3 * side, 0.5e3 * side] };
     let centre = DVec3::new(0.0, -0.25, 0.25) * side;
     let mut options = FillOptions::new(side / 4.0);
-    options.finer.push(Ball { centre, radius_m: 1.1 * contact, edge_m: contact / 3.0 });
+    options.finer.push(Ball { centre, radius_m: 1.1 * contact, edge_m: contact / 2.0 });
     let (mut mesh, _) = fill(&block, &options).unwrap();
     mesh.positions.iter_mut().for_each(|p| *p -= centre);
     println!("{} nodes", mesh.positions.len());
