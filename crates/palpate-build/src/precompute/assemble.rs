@@ -2,9 +2,11 @@
 
 use super::stops;
 use crate::paths_file::{PathsRecord, Point, TestPoint};
+use crate::refine::to_sagitta;
 use crate::spec::{Friction, Geometry, Law, Simulation, Spec, TestPoints};
 use anyhow::{Result, anyhow, bail};
 use glam::{DMat3, DVec3};
+use palpate_body::refine::DEFAULT_SAGITTA_M;
 use palpate_body::shape::Shape;
 use palpate_body::{
     BlendWeights, Body, BodyParts, CoupledLaw, InterpolationErrors, PotentialErrors, Provenance, Response,
