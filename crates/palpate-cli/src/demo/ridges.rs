@@ -147,7 +147,7 @@ pub fn table(ridges: &[Ridges]) -> String {
 /// A file that can't be written.
 pub fn picture(path: &Path, ridges: &[Ridges]) -> Result<()> {
     let part = |r: &Ridges| r.course.iter().copied().take_while(|(angle, _)| *angle <= 90.0).collect();
-    let line = |r: &Ridges| Line { name: r.name.replace('-', " "), points: part(r) };
+    let line = |r: &Ridges| Line { name: r.name.replace('-', " "), points: part(r), ..Line::default() };
     let chart = LineChart {
         title: "Dragged around a tube of 24 flat sides, 5 mm deep".into(),
         x_label: "angle (degrees)".into(),
