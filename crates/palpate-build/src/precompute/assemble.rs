@@ -119,6 +119,9 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
     };
     provenance.notes.extend(report.notes.iter().cloned());
     let Fitted { blends, responses, test_point_nodes, coupled, lateral_tensors } = fitted;
+    // Records of version 1, which name no contact, are of times when nothing was refined: they make the same body still.
+    let by_default = if record.plan.contact.is_some() { DEFAULT_SAGITTA_M } else { 0.0 };
+    let sagitta_m = spec.sagitta_m.unwrap_or(by_default);
     let body = Body::new(BodyParts {
         surface,
         blends,
@@ -131,7 +134,7 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
         tank: spec.tank,
         provenance,
     })
-    .and_then(|body| to_sagitta(body, spec.sagitta_m.unwrap_or(DEFAULT_SAGITTA_M)))
+    .and_then(|body| to_sagitta(body, sagitta_m))
     .map_err(in_spec)?;
     Ok(Assembled { body, report, stops: told })
 }
