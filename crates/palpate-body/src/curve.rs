@@ -405,6 +405,16 @@ fn pchip_slopes(x: &[f64], y: &[f64]) -> Vec<f64> {
     slopes
 }
 
+/// The value at `at` of the straight lines between rows (place, value) whose places ascend, constant beyond them; none without rows.
+pub fn between_rows(rows: &[(f64, f64)], at: f64) -> Option<f64> {
+    let i = rows.partition_point(|r| r.0 <= at);
+    match (i.checked_sub(1).and_then(|i| rows.get(i)), rows.get(i)) {
+        (Some((x0, y0)), Some((x1, y1))) => Some(y0 + (y1 - y0) * (at - x0) / (x1 - x0)),
+        (Some((_, y)), None) | (None, Some((_, y))) => Some(*y),
+        (None, None) => None,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -13,8 +13,9 @@ use anyhow::{Result, anyhow, bail};
 use errors::{lateral_part, normal_part};
 use glam::DVec3;
 use palpate_body::Body;
+use palpate_body::curve::between_rows;
 use palpate_simulate::{FreePlan, Path as LoadPath, PointPaths, PointPlan, State};
-use place::{Ground, Place, coefficient};
+use place::{Ground, Place};
 use rayon::prelude::*;
 use render::{Variant, own_potential, variants};
 use serde::Serialize;
@@ -434,7 +435,7 @@ impl Tried {
     fn friction(&self, depth: f64) -> f64 {
         match &self.plan {
             Plan::Press(_) => 0.0,
-            Plan::Free(plan) => coefficient(&plan.friction, depth),
+            Plan::Free(plan) => between_rows(&plan.friction, depth).unwrap_or(0.0),
         }
     }
 }

@@ -424,8 +424,7 @@ impl Simulated<'_> {
             list.sort_by(|&a, &b| errors[b as usize].total_cmp(&errors[a as usize]).then(a.cmp(&b)));
         }
         // One node for each vertex.
-        let mut taken = vec![false; surface.vertices().iter().map(|&v| v as usize + 1).max().unwrap_or(0)];
-        nodes.iter().for_each(|&n| taken[surface.vertices()[n as usize] as usize] = true);
+        let mut taken = marked(surface, &nodes);
         let position = |n: u32| surface.positions()[n as usize];
         let mut further: Vec<u32> = Vec::new();
         let mut added = true;
@@ -492,9 +491,7 @@ impl Simulated<'_> {
         if how == Normalisation::None {
             return Ok(Spread { potentials, test_point_nodes: nodes, blends });
         }
-        let mut simulated =
-            vec![false; surface.vertices().iter().map(|&v| v as usize + 1).max().unwrap_or(0)];
-        nodes.iter().for_each(|&n| simulated[surface.vertices()[n as usize] as usize] = true);
+        let simulated = marked(surface, &nodes);
         let others =
             (0..blends.len() as u32).filter(|&n| !simulated[surface.vertices()[n as usize] as usize]);
         let others: Vec<u32> = others.collect();
@@ -517,6 +514,13 @@ impl Simulated<'_> {
         };
         Ok(Spread { potentials, test_point_nodes: nodes, blends })
     }
+}
+
+/// For each vertex, whether it has one of these nodes.
+fn marked(surface: &Surface, nodes: &[u32]) -> Vec<bool> {
+    let mut marked = vec![false; surface.vertices().iter().map(|&v| v as usize + 1).max().unwrap_or(0)];
+    nodes.iter().for_each(|&n| marked[surface.vertices()[n as usize] as usize] = true);
+    marked
 }
 
 /// Of these nodes at most so many, of different vertices: the first in each cell of a lattice.

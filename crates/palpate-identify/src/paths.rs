@@ -10,7 +10,7 @@ use crate::fit::{Fit, FitReport, PointReport, SAME_DEFLECTION, knot, rising_end,
 use crate::spread::{follow, place, spread_everywhere};
 use crate::test_points::check_prior;
 use glam::{DMat3, DQuat, DVec2, DVec3};
-use palpate_body::curve::MAX_KNOTS;
+use palpate_body::curve::{MAX_KNOTS, between_rows};
 use palpate_body::{BlendWeights, Curve, Extension, Interpolation, PointErrors, Response, Surface};
 
 /// What was simulated at one test point, as far as it went.
@@ -294,21 +294,15 @@ pub(crate) fn friction(rows: &[(f64, f64)], knots: &[f64]) -> Result<Curve, FitE
             "give depths that ascend and coefficients that are not negative",
         ))
     };
-    let Some(last) = rows.last() else { return bad("there is no coefficient".into()) };
+    if rows.is_empty() {
+        return bad("there is no coefficient".into());
+    }
     if !rows.iter().all(|r| r.0 >= 0.0 && r.0 <= 10.0 && (0.0..=1e12).contains(&r.1))
         || !rows.windows(2).all(|r| r[1].0 - r[0].0 >= SAME_DEFLECTION)
     {
         return bad(format!("it is {rows:?}"));
     }
-    let at = |depth: f64| {
-        let next = rows.partition_point(|r| r.0 <= depth);
-        match (next.checked_sub(1).map(|i| rows[i]), rows.get(next)) {
-            (Some(a), Some(b)) => a.1 + (b.1 - a.1) * (depth - a.0) / (b.0 - a.0),
-            (None, Some(only)) => only.1,
-            (_, None) => last.1,
-        }
-    };
-    let values: Vec<f64> = knots.iter().map(|&k| at(k)).collect();
+    let values: Vec<f64> = knots.iter().filter_map(|&k| between_rows(rows, k)).collect();
     Ok(Curve::through(knots, &values, Interpolation::Linear, Extension::Constant)?)
 }
 

@@ -272,11 +272,10 @@ impl<'t> ToolContact<'t> {
         own
     }
 
-    /// The penetration of the deepest point of the surface at rest, m.
-    pub fn overlap(&self, model: &Model) -> f64 {
-        let zero = vec![0.0; 3 * model.rest.len()];
+    /// The penetration of the deepest point of the surface, m.
+    pub fn overlap(&self, model: &Model, u: &[f64]) -> f64 {
         let mut deepest = 0.0f64;
-        self.each_touch(model, &zero, |_, _, touch| deepest = deepest.max(-touch.distance));
+        self.each_touch(model, u, |_, _, touch| deepest = deepest.max(-touch.distance));
         deepest
     }
 

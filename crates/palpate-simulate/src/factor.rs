@@ -6,6 +6,7 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::perm::PermRef;
 use faer::sparse::linalg::SupernodalThreshold;
+use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
     factorize_symbolic_cholesky,
@@ -149,13 +150,8 @@ impl Symbolic {
     #[inline(always)]
     fn substitute(&self, factor: &Factor, x: &mut [f32], scratch: &mut Vec<f32>) {
         let SymbolicCholeskyRaw::Supernodal(symbolic) = self.cholesky.raw() else { return };
-        let starts = symbolic.col_ptr_for_val();
-        for (s, &first) in starts[..symbolic.n_supernodes()].iter().enumerate() {
-            let node = symbolic.supernode(s);
-            let (start, pattern) = (node.start(), node.pattern());
-            let width = symbolic.supernode_end()[s] as usize - start;
-            let height = width + pattern.len();
-            let values = &factor.values[first as usize..][..width * height];
+        for s in 0..symbolic.n_supernodes() {
+            let Supernode { start, width, height, pattern, values } = Supernode::new(symbolic, factor, s);
             scratch.clear();
             scratch.resize(pattern.len(), 0.0);
             let top = &mut x[start..start + width];
@@ -188,11 +184,7 @@ impl Symbolic {
             }
         }
         for s in (0..symbolic.n_supernodes()).rev() {
-            let node = symbolic.supernode(s);
-            let (start, pattern) = (node.start(), node.pattern());
-            let width = symbolic.supernode_end()[s] as usize - start;
-            let height = width + pattern.len();
-            let values = &factor.values[starts[s] as usize..][..width * height];
+            let Supernode { start, width, height, pattern, values } = Supernode::new(symbolic, factor, s);
             scratch.clear();
             scratch.extend(pattern.iter().map(|&row| x[row as usize]));
             let top = &mut x[start..start + width];
@@ -201,6 +193,31 @@ impl Symbolic {
                 top[j] = (top[j] - below) / column[j];
             }
         }
+    }
+}
+
+/// Columns of a factor that have the same rows below their triangle.
+struct Supernode<'a> {
+    /// The first column, and how many there are.
+    start: usize,
+    width: usize,
+    /// Rows of each column, those of the triangle among them.
+    height: usize,
+    /// The rows below it.
+    pattern: &'a [u32],
+    /// Column by column.
+    values: &'a [f32],
+}
+
+impl<'a> Supernode<'a> {
+    #[inline(always)]
+    fn new(symbolic: &'a SymbolicSupernodalCholesky<u32>, factor: &'a Factor, s: usize) -> Self {
+        let node = symbolic.supernode(s);
+        let (start, pattern) = (node.start(), node.pattern());
+        let width = symbolic.supernode_end()[s] as usize - start;
+        let height = width + pattern.len();
+        let first = symbolic.col_ptr_for_val()[s] as usize;
+        Supernode { start, width, height, pattern, values: &factor.values[first..][..width * height] }
     }
 }
 
@@ -216,19 +233,14 @@ impl Symbolic {
     #[inline(always)]
     fn substitute_several(&self, factor: &Factor, x: &mut [[f32; LANES]]) {
         let SymbolicCholeskyRaw::Supernodal(symbolic) = self.cholesky.raw() else { return };
-        let starts = symbolic.col_ptr_for_val();
         let take = |sum: &mut [f32; LANES], l: f32, x: &[f32; LANES]| {
             for (s, x) in sum.iter_mut().zip(x) {
                 *s += l * x;
             }
         };
         let mut scratch: Vec<[f32; LANES]> = Vec::new();
-        for (s, &first) in starts[..symbolic.n_supernodes()].iter().enumerate() {
-            let node = symbolic.supernode(s);
-            let (start, pattern) = (node.start(), node.pattern());
-            let width = symbolic.supernode_end()[s] as usize - start;
-            let height = width + pattern.len();
-            let values = &factor.values[first as usize..][..width * height];
+        for s in 0..symbolic.n_supernodes() {
+            let Supernode { start, width, height, pattern, values } = Supernode::new(symbolic, factor, s);
             scratch.clear();
             scratch.resize(pattern.len(), [0.0; LANES]);
             for (j, column) in values.chunks_exact(height).enumerate() {
@@ -246,11 +258,7 @@ impl Symbolic {
             }
         }
         for s in (0..symbolic.n_supernodes()).rev() {
-            let node = symbolic.supernode(s);
-            let (start, pattern) = (node.start(), node.pattern());
-            let width = symbolic.supernode_end()[s] as usize - start;
-            let height = width + pattern.len();
-            let values = &factor.values[starts[s] as usize..][..width * height];
+            let Supernode { start, width, height, pattern, values } = Supernode::new(symbolic, factor, s);
             scratch.clear();
             scratch.extend(pattern.iter().map(|&row| x[row as usize]));
             for (j, column) in values.chunks_exact(height).enumerate().rev() {

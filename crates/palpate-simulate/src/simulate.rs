@@ -5,9 +5,10 @@ use crate::equilibrium::{Counts, Failure, RESIDUAL_TOLERANCE, Solver, TOOL_TOLER
 use crate::load::Load;
 use crate::mesh::Boundary;
 use crate::model::{Fixed, Model};
-use crate::path::{Contact, FreePlan, Path, PointPaths, PointPlan, State, Stop, StuckTangent};
+use crate::path::{Contact, FreePlan, FreePose, Path, PointPaths, PointPlan, State, Stop, StuckTangent};
 use crate::tool::{Placement, RigidTool};
 use glam::{DQuat, DVec3};
+use palpate_body::curve::between_rows;
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::sync::atomic::AtomicBool;
 
@@ -114,21 +115,16 @@ impl Model {
         for pose in &plan.poses {
             let depth = pose.offset.dot(plan.inward);
             let target = Target {
-                pose: Pose { offset: pose.offset, rotation: pose.rotation },
+                pose: *pose,
                 depth_m: depth,
                 distance_m: (pose.offset - plan.inward * depth).length(),
             };
-            walker.friction = match plan.coefficient(depth) {
-                0.0 => Friction::None,
-                coefficient => Friction::Coulomb(coefficient),
+            walker.friction = match between_rows(&plan.friction, depth) {
+                None | Some(0.0) => Friction::None,
+                Some(coefficient) => Friction::Coulomb(coefficient),
             };
-            match walker.go(&target, cancelled) {
-                Ok(state) => path.states.push(state),
-                Err(Failure::Cancelled) => return None,
-                Err(failure) => {
-                    path.stopped = Some(Stop { at_m: target.distance_m, why: failure.words().into() });
-                    break;
-                }
+            if !walker.lead(&mut path, &target, target.distance_m, cancelled)? {
+                break;
             }
         }
         Some((path, walker.solver.counts))
@@ -148,13 +144,8 @@ impl Model {
         for &displacement in displacements {
             let target =
                 Target { pose: displacement.into(), depth_m: displacement.length(), distance_m: 0.0 };
-            match walker.go(&target, cancelled) {
-                Ok(state) => path.states.push(state),
-                Err(Failure::Cancelled) => return None,
-                Err(failure) => {
-                    path.stopped = Some(Stop { at_m: target.depth_m, why: failure.words().into() });
-                    break;
-                }
+            if !walker.lead(&mut path, &target, target.depth_m, cancelled)? {
+                break;
             }
         }
         Some((path, walker.solver.counts))
@@ -174,11 +165,12 @@ impl Model {
         friction: Friction,
     ) -> Result<LoadStepper<'_, 't>, Stop> {
         let mut contact = ToolContact::new(self, tool, Placement::pressing(surface, inward));
+        let solver = Solver::new(self, self.held.clone());
         let (low, high) = extent(&self.rest);
         let resolution = 1e-9 * (high - low).length();
         let mut overlaps = |back: f64| {
             contact.placement.tip = surface - inward * back;
-            contact.overlap(self) > resolution
+            contact.overlap(self, &solver.u) > resolution
         };
         // Around a tip in a hollow the sides touch first.
         let (mut inside, mut free) = (0.0, 0.0);
@@ -198,7 +190,6 @@ impl Model {
         }
         let start = Placement::pressing(surface - inward * free, inward);
         contact.placement = start;
-        let solver = Solver::new(self, self.held.clone());
         Ok(LoadStepper::new(solver, Load::Tool(Box::new(contact)), start, friction))
     }
 
@@ -299,40 +290,20 @@ impl PointPlan {
     }
 }
 
-impl FreePlan {
-    /// Of friction, at a depth.
-    fn coefficient(&self, depth: f64) -> f64 {
-        let next = self.friction.partition_point(|row| row.0 <= depth);
-        match (next.checked_sub(1).map(|i| self.friction[i]), self.friction.get(next)) {
-            (Some(a), Some(b)) => a.1 + (b.1 - a.1) * (depth - a.0) / (b.0 - a.0),
-            (Some(only), None) | (None, Some(&only)) => only.1,
-            (None, None) => 0.0,
-        }
-    }
-}
-
-/// Of a load, from its start.
-#[derive(Debug, Clone, Copy)]
-struct Pose {
-    /// m.
-    offset: DVec3,
-    rotation: DQuat,
-}
-
-impl From<DVec3> for Pose {
+impl From<DVec3> for FreePose {
     fn from(offset: DVec3) -> Self {
-        Pose { offset, rotation: DQuat::IDENTITY }
+        FreePose { offset, rotation: DQuat::IDENTITY }
     }
 }
 
-impl Pose {
+impl FreePose {
     /// m.
-    fn way_to(&self, other: &Pose) -> f64 {
+    fn way_to(&self, other: &FreePose) -> f64 {
         self.offset.distance(other.offset) + TURN * self.rotation.angle_between(other.rotation)
     }
 
-    fn towards(&self, other: &Pose, share: f64) -> Pose {
-        Pose {
+    fn towards(&self, other: &FreePose, share: f64) -> FreePose {
+        FreePose {
             offset: self.offset.lerp(other.offset, share),
             rotation: self.rotation.slerp(other.rotation, share),
         }
@@ -345,7 +316,7 @@ const TURN: f64 = 1e-2;
 /// Where the load goes next.
 #[derive(Debug, Clone, Copy)]
 struct Target {
-    pose: Pose,
+    pose: FreePose,
     depth_m: f64,
     distance_m: f64,
 }
@@ -357,7 +328,7 @@ struct LoadStepper<'m, 't> {
     friction: Friction,
     start: Placement,
     /// Where the load is.
-    at: Pose,
+    at: FreePose,
     /// The equilibria behind, newest first: displacements by the path's length so far.
     trail: VecDeque<(f64, Vec<f64>)>,
     travelled: f64,
@@ -370,7 +341,7 @@ struct LoadStepper<'m, 't> {
 /// What a drag starts from.
 struct Snapshot {
     u: Vec<f64>,
-    at: Pose,
+    at: FreePose,
     anchors: Option<Anchors>,
     resultant: Resultant,
 }
@@ -397,18 +368,11 @@ impl<'m, 't> LoadStepper<'m, 't> {
         let mut pressed: Vec<Option<Snapshot>> = Vec::new();
         for (i, &depth) in plan.depths.iter().enumerate() {
             let target = Target { pose: (plan.inward * depth).into(), depth_m: depth, distance_m: 0.0 };
-            match self.go(&target, cancelled) {
-                Ok(mut state) => {
-                    if self.friction == Friction::Sticking {
-                        state.tangent = self.stuck_tangent(&mut state.indefinite).map(Box::new);
-                    }
-                    paths.press.states.push(state);
-                }
-                Err(Failure::Cancelled) => return None,
-                Err(failure) => {
-                    paths.press.stopped = Some(Stop { at_m: depth, why: failure.words().into() });
-                    break;
-                }
+            if !self.lead(&mut paths.press, &target, depth, cancelled)? {
+                break;
+            }
+            if let (Friction::Sticking, Some(state)) = (self.friction, paths.press.states.last_mut()) {
+                state.tangent = self.stuck_tangent(&mut state.indefinite).map(Box::new);
             }
             let wanted = plan.drags.iter().any(|drag| drag.from == i);
             pressed.push(wanted.then(|| self.snapshot()));
@@ -424,20 +388,25 @@ impl<'m, 't> LoadStepper<'m, 't> {
                 self.restick();
             }
             for &distance in &drag.distances {
-                let pose = Pose { offset: snapshot.at.offset + drag.direction * distance, ..snapshot.at };
+                let pose = FreePose { offset: snapshot.at.offset + drag.direction * distance, ..snapshot.at };
                 let target = Target { pose, depth_m: plan.depths[drag.from], distance_m: distance };
-                match self.go(&target, cancelled) {
-                    Ok(state) => path.states.push(state),
-                    Err(Failure::Cancelled) => return None,
-                    Err(failure) => {
-                        path.stopped = Some(Stop { at_m: distance, why: failure.words().into() });
-                        break;
-                    }
+                if !self.lead(&mut path, &target, distance, cancelled)? {
+                    break;
                 }
             }
             paths.drags.push(path);
         }
         Some((paths, self.solver.counts))
+    }
+
+    /// Goes to the target and adds its state to `path`, or that it stopped at `at_m`; whether it got there. `None` if cancelled.
+    fn lead(&mut self, path: &mut Path, target: &Target, at_m: f64, cancelled: &AtomicBool) -> Option<bool> {
+        match self.go(target, cancelled) {
+            Ok(state) => path.states.push(state),
+            Err(Failure::Cancelled) => return None,
+            Err(failure) => path.stopped = Some(Stop { at_m, why: failure.words().into() }),
+        }
+        Some(path.stopped.is_none())
     }
 
     fn snapshot(&self) -> Snapshot {
@@ -474,7 +443,7 @@ impl<'m, 't> LoadStepper<'m, 't> {
         }
     }
 
-    fn place(&mut self, at: Pose) {
+    fn place(&mut self, at: FreePose) {
         if let Load::Tool(contact) = &mut self.load {
             contact.placement = self.start.moved(at.offset, at.rotation);
         }
@@ -527,7 +496,7 @@ impl<'m, 't> LoadStepper<'m, 't> {
     }
 
     /// One load step; on failure all is as before.
-    fn advance(&mut self, to: Pose, cancelled: &AtomicBool) -> Result<(), Failure> {
+    fn advance(&mut self, to: FreePose, cancelled: &AtomicBool) -> Result<(), Failure> {
         let old = self.snapshot();
         let move_by = to.offset - self.at.offset;
         let way = self.at.way_to(&to);

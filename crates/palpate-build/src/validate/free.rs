@@ -1,10 +1,11 @@
 //! Free paths: the tool comes at an angle, presses, drags past slip, turns back, goes round, lets go and
 //! touches again.
 
-use super::place::{self, Ground, Random, coefficient};
+use super::place::{self, Ground, Random};
 use super::{Leg, Plan, Trial, Tried};
 use glam::{DQuat, DVec3};
 use palpate_body::Body;
+use palpate_body::curve::between_rows;
 use palpate_simulate::{FreePlan, FreePose};
 use std::f64::consts::TAU;
 
@@ -38,7 +39,7 @@ pub fn coulomb(trial: &Trial, body: &Body, ground: &Ground, path: usize) -> Trie
 
     // A ball slips after about μ δz: f_z = ⅔ k_n δz (Hertz), k_t/k_n = 2(1−ν)/(2−ν) (Mindlin), and ν is near
     // ½.
-    let slip = coefficient(&friction, depth) * depth;
+    let slip = between_rows(&friction, depth).unwrap_or(0.0) * depth;
     let past_slip = (random.between(2.0, 3.0) * slip).max(0.25 * range);
     let dragged = pressed + along * past_slip.min(within(pressed, along, range));
     // Back to where the drag began, and beyond.

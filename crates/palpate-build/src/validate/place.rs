@@ -193,13 +193,3 @@ pub fn friction(body: &Body, at: SurfacePoint) -> Vec<(f64, f64)> {
     }
     rows
 }
-
-/// The coefficient at a depth, on straight lines between the rows and constant beyond them.
-pub fn coefficient(rows: &[(f64, f64)], depth: f64) -> f64 {
-    let i = rows.partition_point(|r| r.0 <= depth);
-    match (i.checked_sub(1).and_then(|i| rows.get(i)), rows.get(i)) {
-        (Some((d0, m0)), Some((d1, m1))) => m0 + (m1 - m0) * (depth - d0) / (d1 - d0),
-        (Some((_, m)), None) | (None, Some((_, m))) => *m,
-        (None, None) => 0.0,
-    }
-}

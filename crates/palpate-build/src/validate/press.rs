@@ -1,9 +1,10 @@
 //! Straight presses with a drag from their end, as test points have them.
 
-use super::place::{self, Ground, Random, coefficient};
+use super::place::{self, Ground, Random};
 use super::{History, Leg, Plan, Trial, Tried};
 use glam::DVec3;
 use palpate_body::Body;
+use palpate_body::curve::between_rows;
 use palpate_identify::{DragRecord, PointFit, PointRecord, fit_point};
 use palpate_simulate::{Drag, Path, PointPaths, PointPlan, State};
 use std::f64::consts::TAU;
@@ -24,7 +25,7 @@ pub fn press_and_drag(trial: &Trial, body: &Body, ground: &Ground, path: usize) 
     let mut further: &[f64] = &trial.drag_depths_m;
     if trial.history == History::Stick {
         further = &[];
-        let held = 1.5 * coefficient(&place::friction(body, place.at), depth) * depth;
+        let held = 1.5 * between_rows(&place::friction(body, place.at), depth).unwrap_or(0.0) * depth;
         distance = if held > 0.0 { distance.min(held) } else { distance };
     }
     let along = |end: f64| (1..=trial.steps).map(move |k| end * f64::from(k) / f64::from(trial.steps));
