@@ -78,6 +78,8 @@ pub struct Trial {
     pub steps: u32,
     /// Depths that the test points' drags began at, m.
     pub drag_depths_m: Vec<f64>,
+    /// The coefficient of friction over depth, m, with which paths are simulated; none without friction.
+    pub friction: Vec<(f64, f64)>,
     /// For each node of the body, whether the tool can come there.
     pub touchable: Vec<bool>,
 }
@@ -115,10 +117,8 @@ pub enum Source {
     MicroSlip,
     /// Friction multiplied by what the simulated pressures of the path hold, in parts of μ f_z.
     PressureFriction,
-    /// Of a sphere: friction multiplied by 1 + r κ, κ being the surface's mean curvature at the path's point.
-    /// While the contact point moves by dc the surface slips by (1 + r κ) dc along a sphere whose centre
-    /// stays, for the place where it touches moves on both.
-    InterfaceSlip,
+    /// The simulation's coefficient of friction for that of slip, which counts the surface's curvature.
+    FlatFriction,
     /// A coupled law without the lateral force b of a straight press.
     WithoutOffset,
     /// A coupled law without its terms of third and fourth order.
@@ -147,7 +147,7 @@ impl Source {
         Source::WithoutTank,
         Source::MicroSlip,
         Source::PressureFriction,
-        Source::InterfaceSlip,
+        Source::FlatFriction,
         Source::WithoutOffset,
         Source::WithoutHigherTerms,
         Source::Decoupled,
@@ -167,7 +167,7 @@ impl Source {
             Source::WithoutTank => "without the tank",
             Source::MicroSlip => "with partial slip (Mindlin)",
             Source::PressureFriction => "friction as the simulated pressures hold",
-            Source::InterfaceSlip => "slip counted on the tool too, friction times 1 + r κ",
+            Source::FlatFriction => "slip's friction as on a plane",
             Source::WithoutOffset => "law without b",
             Source::WithoutHigherTerms => "law without cubic and quartic terms",
             Source::Decoupled => "law decoupled, equation (4)",
@@ -400,11 +400,11 @@ enum Simulated {
 }
 
 impl Tried {
-    fn new(trial: &Trial, body: &Body, ground: &Ground, path: usize) -> Self {
+    fn new(trial: &Trial, ground: &Ground, path: usize) -> Self {
         match trial.history {
-            History::Coulomb => free::coulomb(trial, body, ground, path),
+            History::Coulomb => free::coulomb(trial, ground, path),
             History::Frictionless => free::frictionless(trial, ground, path),
-            History::Stick | History::FrictionlessPress => press::press_and_drag(trial, body, ground, path),
+            History::Stick | History::FrictionlessPress => press::press_and_drag(trial, ground, path),
         }
     }
 
@@ -504,7 +504,7 @@ pub fn validate(
     let results: Option<Vec<Option<PathResult>>> = (0..trial.paths)
         .into_par_iter()
         .map(|path| {
-            let tried = Tried::new(trial, body, &ground, path);
+            let tried = Tried::new(trial, &ground, path);
             let simulated = tried.simulate(trial, simulator)?;
             let mut further = Vec::new();
             if let Some(plan) = simulator.own_plan(tried.place.point, tried.place.inward) {
@@ -581,16 +581,10 @@ fn compare<'v>(
             }
         }
         (_, Plan::Free(plan)) if !plan.friction.is_empty() => {
-            let reach = body.tool().radius_m() * place::curvature(body, tried.place.at);
-            let scales = [
-                (Source::PressureFriction, pressures_hold(&found, u)),
-                (Source::InterfaceSlip, Some((1.0 + reach).max(0.0)).filter(|_| reach != 0.0)),
-            ];
-            for (source, scale) in scales {
-                let variant =
-                    variants.clone().next().zip(scale).map(|(v, scale)| v.with_friction(source, scale));
-                rendered.extend(variant.map(|v| (source, v.forces(start, u, &offsets).0)));
-            }
+            let source = Source::PressureFriction;
+            let variant = variants.clone().next().zip(pressures_hold(&found, u));
+            let variant = variant.map(|(v, scale)| v.with_friction(source, scale));
+            rendered.extend(variant.map(|v| (source, v.forces(start, u, &offsets).0)));
         }
         _ => {}
     }

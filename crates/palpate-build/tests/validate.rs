@@ -50,6 +50,9 @@ fn body(radius_m: f64) -> Body {
     .unwrap()
 }
 
+/// Of the coupled ball, at the knots.
+const FRICTION: [f64; 4] = [0.4, 0.3, 0.3, 0.25];
+
 fn stiffness(at: DVec3) -> f64 {
     1.0 + at.x * 15.0
 }
@@ -77,13 +80,7 @@ fn coupled(radius_m: f64) -> Body {
             stiffness: [ramp(60.0, 200.0), ramp(0.0, 30.0), ramp(60.0, 150.0)],
             cubic: [2e3, 0.0, -1e3, 0.0].map(|c| ramp(0.0, c)),
             quartic: ramp(1e5, 3e5),
-            friction: Curve::through(
-                &KNOTS,
-                &[0.4, 0.3, 0.3, 0.25],
-                Interpolation::Linear,
-                Extension::Constant,
-            )
-            .unwrap(),
+            friction: Curve::through(&KNOTS, &FRICTION, Interpolation::Linear, Extension::Constant).unwrap(),
         }
     });
     let law = CoupledLaw { range_m: LATERAL_MAX, potentials: potentials.collect() };
@@ -100,6 +97,11 @@ fn trial(body: &Body, history: History, paths: usize) -> Trial {
         lateral_max_m: LATERAL_MAX,
         steps: 8,
         drag_depths_m: vec![0.6 * NORMAL_MAX],
+        friction: if body.coupled_law().is_some() {
+            KNOTS.into_iter().zip(FRICTION).collect()
+        } else {
+            vec![(0.0, 0.3)]
+        },
         touchable: body.nodes().iter().map(|n| n.position.z > -10e-3).collect(),
     }
 }
@@ -276,16 +278,24 @@ fn more_friction_in_the_simulation_shows_where_it_slides_and_hardly_where_it_sti
     }
 }
 
-/// A ball of 5 mm on one of 30: while the contact point moves by dc, the surface slips by 7/6 dc along the tool.
+/// A body whose friction of slip is another than the simulation's coefficient, as on a curved surface.
 #[test]
-fn slip_that_is_counted_on_the_tool_too_is_friction_times_one_and_the_radii() {
+fn what_curvature_makes_of_friction_has_a_row_of_its_own() {
     let body = coupled(5e-3);
-    let v = free(&body, &Engine { friction: vec![1.0 + 5.0 / 30.0], ..Engine::of(&body) }, 12);
-    let [off, counted] = [Source::Body, Source::InterfaceSlip].map(|s| worst(&of(&v, s)));
-    assert!(off[1] > 2.0 && counted.iter().all(|e| *e < 0.6), "{off:?} {counted:?}");
-    let point = coupled(0.0);
-    let v = free(&point, &Engine::of(&point), 4);
-    assert!(v.sources.iter().all(|s| s.source != Source::InterfaceSlip));
+    let mut curved = body.parts();
+    for p in curved.coupled.iter_mut().flat_map(|law| &mut law.potentials) {
+        p.friction = Curve::blend(&[(7.0 / 6.0, &p.friction)]).unwrap();
+    }
+    let curved = Body::new(curved).unwrap();
+    let at = Trial {
+        friction: trial(&body, History::Coulomb, 12).friction,
+        ..trial(&curved, History::Coulomb, 12)
+    };
+    let v = validate(&curved, &at, &Engine::of(&curved), &|| ()).unwrap();
+    let [own, flat] = [Source::Body, Source::FlatFriction].map(|s| worst(&of(&v, s)));
+    assert!(flat[1] > 2.0 && own.iter().all(|e| *e < 0.6), "{own:?} {flat:?}");
+    let v = free(&body, &Engine::of(&body), 4);
+    assert!(v.sources.iter().all(|s| s.source != Source::FlatFriction));
 }
 
 #[test]

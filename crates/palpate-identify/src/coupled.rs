@@ -5,6 +5,7 @@
 //! the smallest rotation and scaled by the lateral stiffness at each depth.
 
 use crate::between::{Prior, Simulated, Spread, round};
+use crate::curvature::{Curvatures, slip_friction};
 use crate::error::FitError;
 use crate::fit::{FitReport, PointReport, SAME_DEFLECTION};
 use crate::paths::{PointRecord, check, friction};
@@ -33,6 +34,9 @@ pub struct CoupledOptions<'a> {
     /// For each node the compliance of the body at rest under a patch as wide as the tool, in the body's axes, m/N; empty if not
     /// known.
     pub compliance: &'a [DMat3],
+    /// Radius of the spherical tool, m, or 0 of one whose reference point is its tip: friction becomes that of slip on a curved
+    /// surface, μ (1 + (r − δz) κ). None leaves it as it is.
+    pub tool_radius_m: Option<f64>,
     /// So many of the records were there before the others were added in rounds, as [`further_points`] chooses them.
     pub first: Option<usize>,
 }
@@ -44,6 +48,7 @@ impl Default for CoupledOptions<'_> {
             range_m: None,
             stiffness: &[],
             compliance: &[],
+            tool_radius_m: None,
             first: None,
         }
     }
@@ -220,7 +225,16 @@ pub fn fit_coupled(
     let prior = Prior { surface, stiffness: options.stiffness, compliance: options.compliance };
     let simulated = Simulated::new(prior, &locals, &potentials, range_m);
     let (normalisation, interpolation) = simulated.judged(options.first)?;
-    let Spread { potentials, test_point_nodes, blends } = simulated.spread(normalisation, &mut notes)?;
+    let Spread { mut potentials, test_point_nodes, blends } = simulated.spread(normalisation, &mut notes)?;
+    if let Some(radius) = options.tool_radius_m {
+        let knots = potentials[0].press.knots().to_vec();
+        // As wide as the contact gets, at most.
+        let scale = radius.max(knots.last().copied().unwrap_or_default());
+        let curvatures = Curvatures::new(surface, scale);
+        for (potential, &node) in potentials.iter_mut().zip(&test_point_nodes) {
+            potential.friction = slip_friction(&options.friction, &knots, radius, curvatures.at(node))?;
+        }
+    }
     let points = locals.iter().map(|local| PointReport {
         point: local.record.node.to_string(),
         node: local.record.node,

@@ -28,6 +28,7 @@
 
 mod between;
 mod coupled;
+mod curvature;
 mod error;
 mod fit;
 mod geodesic;

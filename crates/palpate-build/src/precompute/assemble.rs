@@ -164,8 +164,8 @@ fn provenance(record: &PathsRecord, notes: Vec<String>) -> Provenance {
     }
 }
 
-/// Friction over depth.
-fn friction(simulation: &Simulation) -> Vec<(f64, f64)> {
+/// The coefficient of friction over depth, m, that a spec gives, or stands for.
+pub fn friction(simulation: &Simulation) -> Vec<(f64, f64)> {
     match &simulation.friction {
         Some(Friction::Constant(mu)) => vec![(0.0, *mu)],
         Some(Friction::Table(rows)) => rows.clone(),
@@ -184,6 +184,7 @@ pub fn coupled_options<'a>(
         range_m: Some(simulation.deflection.lateral_max_m),
         stiffness,
         compliance,
+        tool_radius_m: Some(simulation.tool.of_body().radius_m()),
         first: match simulation.test_points {
             TestPoints::Adaptive { most, .. } => Some(first_round(most)),
             _ => None,

@@ -1,10 +1,9 @@
 //! Free paths: the tool comes at an angle, presses, drags past slip, turns back, goes round, lets go and
 //! touches again.
 
-use super::place::{self, Ground, Random};
+use super::place::{Ground, Place, Random};
 use super::{Leg, Plan, Trial, Tried};
 use glam::{DQuat, DVec3};
-use palpate_body::Body;
 use palpate_body::curve::between_rows;
 use palpate_simulate::{FreePlan, FreePose};
 use std::f64::consts::TAU;
@@ -21,10 +20,10 @@ const BACK: f64 = 0.5;
 const AGAIN: f64 = 0.67;
 
 /// A path with Coulomb friction. Laterally the tool stays within the range.
-pub fn coulomb(trial: &Trial, body: &Body, ground: &Ground, path: usize) -> Tried {
+pub fn coulomb(trial: &Trial, ground: &Ground, path: usize) -> Tried {
     let mut random = Random::new(trial.seed, path);
     let place = ground.place(&mut random);
-    let friction = place::friction(body, place.at);
+    let friction = trial.friction.clone();
     let range = trial.lateral_max_m;
     let depth = random.between(0.1, 1.0) * trial.normal_max_m;
     let (t1, t2) = place.inward.any_orthonormal_pair();
@@ -94,7 +93,7 @@ pub fn frictionless(trial: &Trial, ground: &Ground, path: usize) -> Tried {
     }
 }
 
-fn plan(place: &place::Place, poses: &[(Leg, DVec3)], friction: Vec<(f64, f64)>) -> FreePlan {
+fn plan(place: &Place, poses: &[(Leg, DVec3)], friction: Vec<(f64, f64)>) -> FreePlan {
     let pose = |&(_, offset): &(Leg, DVec3)| FreePose { offset, rotation: DQuat::IDENTITY };
     FreePlan { point: place.point, inward: place.inward, poses: poses.iter().map(pose).collect(), friction }
 }

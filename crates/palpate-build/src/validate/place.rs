@@ -2,7 +2,7 @@
 
 use anyhow::{Result, bail};
 use glam::DVec3;
-use palpate_body::{Body, Curve, SurfacePoint};
+use palpate_body::{Body, SurfacePoint};
 
 /// Random numbers (SplitMix64, Steele et al. 2014): each path has a stream of its own.
 pub struct Random(u64);
@@ -150,46 +150,4 @@ pub fn first_touch(body: &Body, place: &Place) -> DVec3 {
         Some(touch) if touch.fraction > 0.0 => from.lerp(to, touch.fraction),
         _ => on(0.0),
     }
-}
-
-/// The surface's mean curvature there, 1/m, positive where it is convex: how its normal turns along an
-/// element's edges.
-pub fn curvature(body: &Body, at: SurfacePoint) -> f64 {
-    let nodes = body.element_nodes(at.element);
-    let edges = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| {
-        let (edge, turn) = (nodes[j].position - nodes[i].position, nodes[j].inward - nodes[i].inward);
-        -turn.dot(edge) / edge.length_squared()
-    });
-    edges.iter().sum::<f64>() / 3.0
-}
-
-/// The body's coefficient of friction there over the depth, m; none without friction.
-pub fn friction(body: &Body, at: SurfacePoint) -> Vec<(f64, f64)> {
-    let curve = |t: u32| -> Option<&Curve> {
-        let t = t as usize;
-        match body.coupled_law() {
-            Some(law) => law.potentials.get(t).map(|p| &p.friction),
-            None => body.curves().get(t).map(|r| &r.friction),
-        }
-    };
-    let nodes = body.element_nodes(at.element).into_iter().zip(at.n);
-    let terms: Vec<(f64, &Curve)> = nodes
-        .flat_map(|(node, n)| node.weights.into_iter().zip(node.test_points).map(move |(w, t)| (w * n, t)))
-        .filter_map(|(weight, t)| Some((weight, curve(t)?)).filter(|_| weight > 0.0))
-        .collect();
-    let Some((_, first)) = terms.first() else { return Vec::new() };
-    let value = |depth: f64| terms.iter().map(|(weight, curve)| weight * curve.value(depth)).sum::<f64>();
-    // The curves are cubics: straight lines in quarters of their intervals.
-    let quarters = first.knots().windows(2);
-    let depths = quarters.flat_map(|k| (0..4).map(|i| k[0] + (k[1] - k[0]) * f64::from(i) / 4.0));
-    let mut rows: Vec<(f64, f64)> =
-        depths.chain(first.knots().last().copied()).map(|d| (d, value(d))).collect();
-    let [low, high] = [f64::min, f64::max].map(|of| rows.iter().map(|r| r.1).fold(rows[0].1, of));
-    if high <= 0.0 {
-        return Vec::new();
-    }
-    if high - low <= 1e-12 * high {
-        rows.truncate(1);
-    }
-    rows
 }

@@ -1,9 +1,8 @@
 //! Straight presses with a drag from their end, as test points have them.
 
-use super::place::{self, Ground, Random};
+use super::place::{Ground, Random};
 use super::{History, Leg, Plan, Trial, Tried};
 use glam::DVec3;
-use palpate_body::Body;
 use palpate_body::curve::between_rows;
 use palpate_identify::{DragRecord, PointFit, PointRecord, fit_point};
 use palpate_simulate::{Drag, Path, PointPaths, PointPlan, State};
@@ -13,7 +12,7 @@ use std::ops::Range;
 /// A press to a random depth and a drag from there. A frictionless press has further drags from the test
 /// points' depths; one that sticks is dragged no farther than 1.5 times what friction would hold, as a law's
 /// samples are.
-pub fn press_and_drag(trial: &Trial, body: &Body, ground: &Ground, path: usize) -> Tried {
+pub fn press_and_drag(trial: &Trial, ground: &Ground, path: usize) -> Tried {
     let mut random = Random::new(trial.seed, path);
     let depth = random.between(0.1, 1.0) * trial.normal_max_m;
     let mut distance = random.between(0.25, 1.0) * trial.lateral_max_m;
@@ -25,7 +24,7 @@ pub fn press_and_drag(trial: &Trial, body: &Body, ground: &Ground, path: usize) 
     let mut further: &[f64] = &trial.drag_depths_m;
     if trial.history == History::Stick {
         further = &[];
-        let held = 1.5 * between_rows(&place::friction(body, place.at), depth).unwrap_or(0.0) * depth;
+        let held = 1.5 * between_rows(&trial.friction, depth).unwrap_or(0.0) * depth;
         distance = if held > 0.0 { distance.min(held) } else { distance };
     }
     let along = |end: f64| (1..=trial.steps).map(move |k| end * f64::from(k) / f64::from(trial.steps));

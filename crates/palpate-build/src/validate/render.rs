@@ -1,10 +1,11 @@
 //! The engine's side: the same tool motion, on the body and on bodies that lack one ingredient of it.
 
-use super::place::{self, Place};
+use super::place::Place;
 use super::{History, Source, Trial};
 use crate::precompute::assemble::point_record;
 use anyhow::Result;
 use glam::{DQuat, DVec3};
+use palpate_body::curve::between_rows;
 use palpate_body::{
     Body, BodyParts, CoupledLaw, Curve, Extension, Interpolation, Potential, Response, SlipRule, SurfacePoint,
 };
@@ -98,8 +99,15 @@ pub fn variants(body: &Body, trial: &Trial) -> Result<Vec<Variant>> {
     }
     if let Some(law) = own.coupled_law() {
         let depth = trial.drag_depths_m.first().copied().unwrap_or(0.6 * trial.normal_max_m);
-        for (source, lacks) in lacking(depth) {
-            let potentials = law.potentials.iter().map(&lacks).collect::<palpate_body::Result<_>>()?;
+        for (source, lacks) in lacking(depth, &trial.friction) {
+            let potentials: Vec<Potential> =
+                law.potentials.iter().map(&lacks).collect::<palpate_body::Result<_>>()?;
+            // Only free paths slip; and where nothing is lacking nothing is told.
+            let told = source != Source::FlatFriction
+                || (trial.history == History::Coulomb && potentials != law.potentials);
+            if !told {
+                continue;
+            }
             let coupled = Some(CoupledLaw { potentials, ..law.clone() });
             all.push(Variant::new(source, Arc::new(Body::new(BodyParts { coupled, ..own.parts() })?)));
         }
@@ -127,12 +135,12 @@ pub fn own_potential(
     let nearest = (0..3).max_by(|&i, &j| place.at.n[i].total_cmp(&place.at.n[j]))?;
     let node = body.element_node_numbers(place.at.element)[nearest];
     let record = point_record(node, paths, plan);
-    let friction = match place::friction(body, place.at) {
-        rows if rows.is_empty() => vec![(0.0, 0.0)],
-        rows => rows,
+    let options = CoupledOptions {
+        friction: if trial.friction.is_empty() { vec![(0.0, 0.0)] } else { trial.friction.clone() },
+        range_m: Some(trial.lateral_max_m),
+        tool_radius_m: Some(body.tool().radius_m()),
+        ..CoupledOptions::default()
     };
-    let range_m = Some(trial.lateral_max_m);
-    let options = CoupledOptions { friction, range_m, ..CoupledOptions::default() };
     let CoupledFit { mut law, test_point_nodes, blends, .. } =
         fit_coupled(&parts.surface, &[record], &options).ok()?;
     // From the tangent plane of the place into that of the node which a body wants it at.
@@ -173,7 +181,14 @@ fn partial_slip() -> Vec<f64> {
 /// What takes an ingredient from a potential.
 type Lacking = Box<dyn Fn(&Potential) -> palpate_body::Result<Potential>>;
 
-fn lacking(depth: f64) -> [(Source, Lacking); 3] {
+fn lacking(depth: f64, rows: &[(f64, f64)]) -> [(Source, Lacking); 4] {
+    let rows = rows.to_vec();
+    let flat = move |p: &Potential| -> palpate_body::Result<Potential> {
+        let knots = p.friction.knots();
+        let values: Vec<f64> = knots.iter().map(|&k| between_rows(&rows, k).unwrap_or(0.0)).collect();
+        let friction = Curve::through(knots, &values, Interpolation::Linear, Extension::Constant)?;
+        Ok(Potential { friction, ..p.clone() })
+    };
     let none = |c: &Curve| Curve::blend(&[(0.0, c)]);
     let straight = move |p: &Potential| -> palpate_body::Result<Potential> {
         Ok(Potential { offset: [none(&p.offset[0])?, none(&p.offset[1])?], ..p.clone() })
@@ -189,6 +204,7 @@ fn lacking(depth: f64) -> [(Source, Lacking); 3] {
         Ok(Potential { stiffness: [a?, b?, c?], ..p })
     };
     [
+        (Source::FlatFriction, Box::new(flat)),
         (Source::WithoutOffset, Box::new(straight)),
         (Source::WithoutHigherTerms, Box::new(quadratic)),
         (Source::Decoupled, Box::new(decoupled)),

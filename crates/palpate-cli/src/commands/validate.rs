@@ -10,6 +10,7 @@ use glam::DVec3;
 use palpate_body::Body;
 use palpate_build::Progress as _;
 use palpate_build::precompute::Prepared;
+use palpate_build::precompute::assemble::friction;
 use palpate_build::precompute::elements::Elements;
 use palpate_build::precompute::prepare::{inputs_of, margin, point_plan, prepare};
 use palpate_build::spec::{self, Simulation, Spec};
@@ -141,6 +142,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         lateral_max_m: simulation.deflection.lateral_max_m,
         steps: args.steps.unwrap_or(simulation.deflection.steps),
         drag_depths_m: simulation.drag_from.iter().map(|&i| simulation.depths_m[i]).collect(),
+        friction: friction(&simulation),
         touchable: touchable(&body, held, margin(&simulation)?)?,
     };
     let bonded = match simulation.contact {
