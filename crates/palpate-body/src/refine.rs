@@ -71,6 +71,14 @@ pub struct Refined {
     pub distance_m: f64,
 }
 
+impl Surface {
+    /// The points of the smooth surface at these points of its facets, m: what a refined body's nodes lie on.
+    pub fn smooth_points(&self, at: &[SurfacePoint]) -> Vec<DVec3> {
+        let smooth = SmoothSurface::of(self);
+        at.iter().map(|at| smooth.point(self, at.element, at.n)).collect()
+    }
+}
+
 impl Body {
     /// The body on a finer surface. Nodes at vertices keep their numbers, and all that they have; at creases further nodes
     /// follow after them. The same body gives the same bits.

@@ -1,6 +1,7 @@
 //! Tetrahedra with ten nodes, in which all is computed.
 
 pub mod check;
+mod curved;
 pub mod distance;
 pub mod import;
 mod octree;

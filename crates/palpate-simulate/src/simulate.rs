@@ -7,7 +7,7 @@ use crate::mesh::Boundary;
 use crate::model::{Fixed, Model};
 use crate::path::{Contact, FreePlan, FreePose, Path, PointPaths, PointPlan, State, Stop, StuckTangent};
 use crate::tool::{Placement, RigidTool};
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use palpate_body::curve::between_rows;
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::sync::atomic::AtomicBool;
@@ -215,10 +215,36 @@ impl Model {
                 continue;
             }
             if v >= -1e-9 && w >= -1e-9 && v + w <= 1.0 + 1e-9 && along.abs() < nearest.0 {
-                nearest = (along.abs(), point + inward * along);
+                nearest = (along.abs(), self.on_curved(face, [v, w], point, inward, along));
             }
         }
         nearest.1
+    }
+
+    /// Where the line meets a face that may be curved, by Newton's method from where it meets the triangle of its corners: at
+    /// these area coordinates of corners 1 and 2, and so far along.
+    fn on_curved(&self, face: &[u32; 6], at: [f64; 2], point: DVec3, inward: DVec3, along: f64) -> DVec3 {
+        let p = face.map(|n| self.mesh().positions[n as usize]);
+        let size = p[0].distance(p[1]);
+        let ([mut v, mut w], mut s) = (at, along);
+        for _ in 0..8 {
+            let l = [1.0 - v - w, v, w];
+            let (mut off, mut by) = (-(point + inward * s), [DVec3::ZERO; 3]);
+            for i in 0..3 {
+                let j = (i + 1) % 3;
+                off += p[i] * (l[i] * (2.0 * l[i] - 1.0)) + p[3 + i] * (4.0 * l[i] * l[j]);
+                by[i] += p[i] * (4.0 * l[i] - 1.0) + p[3 + i] * (4.0 * l[j]);
+                by[j] += p[3 + i] * (4.0 * l[i]);
+            }
+            if off.length() < 1e-12 * size {
+                break;
+            }
+            let jacobian = DMat3::from_cols(by[1] - by[0], by[2] - by[0], -inward);
+            let step = jacobian.inverse() * off;
+            (v, w, s) = (v - step.x, w - step.y, s - step.z);
+        }
+        // Not farther than a curved face can be from its corners' triangle.
+        if (s - along).abs() < 0.25 * size { point + inward * s } else { point + inward * along }
     }
 
     /// Nodes of the surface around `centre`, within a geodesic radius.

@@ -12,7 +12,7 @@
 //! tangent plane, so that both sides bulge alike.
 
 use crate::body::Body;
-use crate::surface::NO_TWIN;
+use crate::surface::{Element, NO_TWIN, Surface};
 use glam::DVec3;
 
 /// A facet that turns by more than this (its cosine) against a node's normal is no part of a smooth surface there: at the
@@ -30,6 +30,43 @@ pub(super) struct Edge {
     pub creased: bool,
 }
 
+/// Facets with nodal normals.
+pub(super) trait Facets {
+    fn elements(&self) -> &[Element];
+    /// Of a node, m.
+    fn position(&self, node: u32) -> DVec3;
+    /// Of a node, a unit vector.
+    fn inward(&self, node: u32) -> DVec3;
+}
+
+impl Facets for Body {
+    fn elements(&self) -> &[Element] {
+        &self.elements
+    }
+
+    fn position(&self, node: u32) -> DVec3 {
+        self.nodes[node as usize].position
+    }
+
+    fn inward(&self, node: u32) -> DVec3 {
+        self.nodes[node as usize].inward
+    }
+}
+
+impl Facets for Surface {
+    fn elements(&self) -> &[Element] {
+        &self.elements
+    }
+
+    fn position(&self, node: u32) -> DVec3 {
+        self.positions[node as usize]
+    }
+
+    fn inward(&self, node: u32) -> DVec3 {
+        self.inward[node as usize]
+    }
+}
+
 /// The edges of a body, and how they bulge.
 pub(super) struct SmoothSurface {
     pub edges: Vec<Edge>,
@@ -39,11 +76,11 @@ pub(super) struct SmoothSurface {
 }
 
 impl SmoothSurface {
-    pub fn of(body: &Body) -> Self {
+    pub fn of(body: &impl Facets) -> Self {
         let sharp = sharp_nodes(body);
-        let mut edges: Vec<Edge> = Vec::with_capacity(body.elements.len() * 3 / 2 + 1);
-        let mut edge_of = vec![[0; 3]; body.elements.len()];
-        for (e, element) in body.elements.iter().enumerate() {
+        let mut edges: Vec<Edge> = Vec::with_capacity(body.elements().len() * 3 / 2 + 1);
+        let mut edge_of = vec![[0; 3]; body.elements().len()];
+        for (e, element) in body.elements().iter().enumerate() {
             for (i, &twin) in element.twins.iter().enumerate() {
                 let half = (3 * e + i) as u32;
                 edge_of[e][i] = if twin != NO_TWIN && twin < half {
@@ -63,9 +100,9 @@ impl SmoothSurface {
     }
 
     /// The point of the smooth surface at an element's area coordinates, m.
-    pub fn point(&self, body: &Body, element: u32, n: [f64; 3]) -> DVec3 {
+    pub fn point(&self, body: &impl Facets, element: u32, n: [f64; 3]) -> DVec3 {
         let [ab, bc, ca] = self.bends(element);
-        let [a, b, c] = body.corners(element);
+        let [a, b, c] = body.elements()[element as usize].nodes.map(|n| body.position(n));
         a * n[0] + b * n[1] + c * n[2] + ab * (n[0] * n[1]) + bc * (n[1] * n[2]) + ca * (n[2] * n[0])
     }
 
@@ -74,19 +111,18 @@ impl SmoothSurface {
     }
 }
 
-fn edge(body: &Body, sharp: &[bool], half: u32, twin: u32) -> Edge {
-    let end = |half: u32, end: usize| body.elements[half as usize / 3].nodes[(half as usize + end) % 3];
+fn edge(body: &impl Facets, sharp: &[bool], half: u32, twin: u32) -> Edge {
+    let end = |half: u32, end: usize| body.elements()[half as usize / 3].nodes[(half as usize + end) % 3];
     let here = [end(half, 0), end(half, 1)];
     let there = if twin == NO_TWIN { here } else { [end(twin, 1), end(twin, 0)] };
-    let position = |n: u32| body.nodes[n as usize].position;
-    let along = position(here[1]) - position(here[0]);
+    let along = body.position(here[1]) - body.position(here[0]);
     // How far the edge points out of what is tangent at an end.
     let out = |end: usize| {
         let [n, m] = [here[end], there[end]];
         if sharp[n as usize] || sharp[m as usize] {
             return DVec3::ZERO;
         }
-        let [u, v] = [n, m].map(|n| body.nodes[n as usize].inward);
+        let [u, v] = [n, m].map(|n| body.inward(n));
         let tangent = u.cross(v);
         // Normals nearly alike have no tangent to speak of, and need none.
         if tangent.length() > 0.05 {
@@ -98,13 +134,14 @@ fn edge(body: &Body, sharp: &[bool], half: u32, twin: u32) -> Edge {
     Edge { half, bend: (out(1) - out(0)) * 0.5, creased: here != there }
 }
 
-fn sharp_nodes(body: &Body) -> Vec<bool> {
-    let mut sharp = vec![false; body.nodes.len()];
-    for element in &body.elements {
-        let [a, b, c] = element.nodes.map(|n| body.nodes[n as usize].position);
+fn sharp_nodes(body: &impl Facets) -> Vec<bool> {
+    let nodes = body.elements().iter().flat_map(|e| e.nodes).max().map_or(0, |n| n as usize + 1);
+    let mut sharp = vec![false; nodes];
+    for element in body.elements() {
+        let [a, b, c] = element.nodes.map(|n| body.position(n));
         let inward = (c - a).cross(b - a).normalize_or_zero();
         for n in element.nodes {
-            sharp[n as usize] |= body.nodes[n as usize].inward.dot(inward) < SHARP;
+            sharp[n as usize] |= body.inward(n).dot(inward) < SHARP;
         }
     }
     sharp

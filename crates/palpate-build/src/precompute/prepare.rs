@@ -9,11 +9,12 @@ use crate::spec::{
 };
 use anyhow::{Result, anyhow, bail};
 use glam::{DMat3, DVec3};
-use palpate_body::Surface;
+use palpate_body::{MeshSearch, Surface, SurfacePoint, TriangleMesh};
 use palpate_files as files;
 use palpate_files::Table;
 use palpate_identify::{Amount, further_points, spread_among, test_points, touchable};
 use palpate_simulate::material::{self, Bulk};
+use palpate_simulate::mesh::Boundary;
 use palpate_simulate::mesh::check::check;
 use palpate_simulate::path::tangents;
 use palpate_simulate::{Drag, Model, PointPlan, TetMesh};
@@ -109,7 +110,7 @@ pub fn prepare(
 ) -> Result<Prepared<Elements>> {
     let go_on = |after| if cancelled.load(Relaxed) { Err(Interrupted { after }) } else { Ok(()) };
     let in_spec = |e: palpate_body::BodyError| e.in_file(path);
-    let volume::Source { triangles, mesh, tolerance_m, of_surface, mut notes } =
+    let volume::Source { triangles, mut mesh, tolerance_m, of_surface, mut notes } =
         volume::source(spec, simulation, path)?;
     go_on("the volume's mesh")?;
     let surface = assemble::surface(spec, &triangles).map_err(in_spec)?;
@@ -138,6 +139,9 @@ pub fn prepare(
             (bits(mesh.positions[*n as usize]), fixed.get(n).is_some_and(|axes| axes.iter().any(|a| *a)))
         })
         .collect();
+    if matches!(spec.geometry, Some(Geometry::Mesh(_))) {
+        notes.extend(smooth_boundary(&mut mesh, &boundary, &triangles, &surface, &fixed));
+    }
     if !of_surface {
         // The surface's nodes are the mesh's.
         for (held, p) in held.iter_mut().zip(surface.positions()) {
@@ -342,6 +346,46 @@ fn held_nodes(support: &Fixed, mesh: &TetMesh, tolerance_m: f64) -> Result<Vec<u
         );
     }
     Ok(nodes)
+}
+
+/// Puts the boundary's nodes that lie on the touched surface's facets onto the smooth surface, which the body is refined to: of a
+/// volume mesh the nodes in the middle of edges. What is held stays, and what an element would be spoiled by. Shapes need none of it:
+/// their elements are round already.
+fn smooth_boundary(
+    mesh: &mut TetMesh,
+    boundary: &Boundary,
+    triangles: &TriangleMesh,
+    surface: &Surface,
+    fixed: &BTreeMap<u32, [bool; 3]>,
+) -> Option<String> {
+    /// In edges: farther from a facet a node is where somebody put it.
+    const ON_FACET: f64 = 1e-4;
+    let search = MeshSearch::new(triangles);
+    let edge = |face: &[u32; 6]| {
+        let [a, b] = [0, 1].map(|i| mesh.positions[face[i] as usize]);
+        a.distance(b)
+    };
+    let edge = boundary.faces.iter().map(edge).sum::<f64>() / boundary.faces.len().max(1) as f64;
+    let on_facets = boundary.nodes.iter().filter(|n| !fixed.contains_key(n)).filter_map(|&n| {
+        let p = mesh.positions[n as usize];
+        let (at, flat) = search.nearest(p, edge)?;
+        (flat.distance(p) <= ON_FACET * edge).then_some((n, at))
+    });
+    let (nodes, at): (Vec<u32>, Vec<SurfacePoint>) = on_facets.unzip();
+    let moved = |(n, to): &(u32, DVec3)| to.distance(mesh.positions[*n as usize]) > 1e-6 * edge;
+    let targets: BTreeMap<u32, DVec3> =
+        nodes.into_iter().zip(surface.smooth_points(&at)).filter(moved).collect();
+    let asked = targets.len();
+    let farthest = targets.iter().map(|(n, to)| to.distance(mesh.positions[*n as usize])).fold(0.0, f64::max);
+    let stay = mesh.move_nodes(targets);
+    (asked > stay).then(|| {
+        format!(
+            "{} nodes of the boundary are on the smooth surface, {:.3} mm off the facets at most{}",
+            asked - stay,
+            farthest * 1e3,
+            if stay > 0 { format!("; {stay} stay, for the elements' sake") } else { String::new() }
+        )
+    })
 }
 
 /// Marks the nodes of a surface of its own that a support holds.
@@ -625,4 +669,48 @@ pub fn layers(simulation: &Simulation, low: f64, high: f64) -> Vec<f64> {
     planes.sort_by(f64::total_cmp);
     planes.dedup_by(|b, a| *b - *a < 1e-9);
     planes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_body::shape::Shape;
+    use palpate_simulate::mesh::shape::fill;
+    use palpate_simulate::mesh::stuffing::FillOptions;
+
+    #[test]
+    fn middles_of_a_volume_meshs_edges_are_put_on_the_smooth_surface() {
+        let radius = 30e-3;
+        let options = FillOptions { curved: false, volume_tolerance: 0.2, ..FillOptions::new(8e-3) };
+        let (mut mesh, _) = fill(&Shape::Sphere { radius_mm: 30.0 }, &options).unwrap();
+        let boundary = mesh.boundary();
+        let triangles = volume::corners(&mesh, &boundary);
+        let surface = Surface::build(&triangles, f64::INFINITY).unwrap();
+        let middle = |face: &[u32; 6]| [face[3], face[4], face[5]];
+        let fixed: BTreeMap<u32, [bool; 3]> = boundary
+            .faces
+            .iter()
+            .flat_map(middle)
+            .filter(|&n| mesh.positions[n as usize].z < -20e-3)
+            .map(|n| (n, [true; 3]))
+            .collect();
+        let before = mesh.positions.clone();
+        let off = |mesh: &TetMesh| {
+            let free = boundary.faces.iter().flat_map(middle).filter(|n| !fixed.contains_key(n));
+            free.map(|n| (mesh.positions[n as usize].length() - radius).abs()).fold(0.0, f64::max)
+        };
+        let flat = off(&mesh);
+        let note = smooth_boundary(&mut mesh, &boundary, &triangles, &surface, &fixed).unwrap();
+        assert!(note.contains("on the smooth surface") && !note.contains("stay"), "{note}");
+        // Normals of an uneven mesh are off by some degrees: a tenth of the sagitta is left.
+        assert!(flat > 2e-4 && off(&mesh) < 0.15 * flat, "{flat} {}", off(&mesh));
+        let corners: Vec<u32> = mesh.elements.iter().flat_map(|e| e[..4].to_vec()).collect();
+        for n in corners.iter().chain(fixed.keys()) {
+            assert_eq!(mesh.positions[*n as usize], before[*n as usize]);
+        }
+        // Once there, they stay.
+        let there = mesh.positions.clone();
+        smooth_boundary(&mut mesh, &boundary, &triangles, &surface, &fixed);
+        assert_eq!(mesh.positions, there);
+    }
 }

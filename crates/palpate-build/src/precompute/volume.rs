@@ -94,7 +94,7 @@ fn diagonal(positions: &[DVec3]) -> f64 {
 }
 
 /// A boundary's triangles between corners, which are numbered in their order in the mesh.
-fn corners(mesh: &TetMesh, boundary: &Boundary) -> TriangleMesh {
+pub fn corners(mesh: &TetMesh, boundary: &Boundary) -> TriangleMesh {
     let mut nodes: Vec<u32> = boundary.faces.iter().flat_map(|f| [f[0], f[1], f[2]]).collect();
     nodes.sort_unstable();
     nodes.dedup();

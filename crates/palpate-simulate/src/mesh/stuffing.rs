@@ -5,6 +5,7 @@
 //! proves dihedral angles from 10.7° to 164.8° for any surface; ours were at 9.7° to 159.1° on the roughest tried, 18° to
 //! 148° on organs.
 
+use super::curved::{CUBIC, element_points, jacobian, jacobian_ratio, move_nodes};
 use super::distance::{Shells, SignedDistance};
 use super::octree::{Cell, Fate, Key, MAX_CELLS, MAX_COORDINATE, Octree, number, too_many_cells};
 use super::{EDGES, FACES, TetMesh};
@@ -714,9 +715,6 @@ fn finish<F: Fn(DVec3) -> (f64, DVec3) + Sync>(
     Ok((mesh, report))
 }
 
-/// Elements whose Jacobian falls below this share of its mean are kept straight.
-const LEAST_JACOBIAN: f64 = 0.3;
-
 /// A middle further from the surface than this share of its edge stays: what is nearest there may be another side.
 const FARTHEST: f64 = 0.25;
 
@@ -727,45 +725,22 @@ fn curve(
     distance: &(impl Fn(DVec3) -> (f64, DVec3) + Sync),
 ) {
     let mut length: HashMap<u32, f64> = HashMap::new();
-    let mut touched: Vec<u32> = Vec::new();
-    for (e, element) in mesh.elements.iter().enumerate() {
+    for element in &mesh.elements {
         for (i, [a, b]) in EDGES.iter().enumerate() {
             if middles.contains(&element[4 + i]) {
                 let [a, b] = [a, b].map(|c| mesh.positions[element[*c] as usize]);
                 length.insert(element[4 + i], a.distance(b));
-                touched.push(e as u32);
             }
         }
     }
-    touched.dedup();
-    let nodes: Vec<u32> = middles.iter().copied().collect();
-    let straight: HashMap<u32, DVec3> = nodes.iter().map(|n| (*n, mesh.positions[*n as usize])).collect();
-    let targets: Vec<DVec3> = nodes.par_iter().map(|n| project(distance, straight[n])).collect();
-    for (n, target) in nodes.iter().zip(targets) {
-        if target.distance(straight[n]) <= FARTHEST * length[n] {
-            mesh.positions[*n as usize] = target;
-        } else {
-            middles.remove(n);
-        }
-    }
-    // Taking one back may spoil a neighbour: go on until all are good. Straight ones all are.
-    loop {
-        let bad: Vec<u32> = touched
-            .par_iter()
-            .copied()
-            .filter(|e| jacobian_ratio(&mesh.positions, &mesh.elements[*e as usize]) < LEAST_JACOBIAN)
-            .collect();
-        let mut back = false;
-        for n in bad.iter().flat_map(|e| &mesh.elements[*e as usize][4..]) {
-            if middles.remove(n) {
-                mesh.positions[*n as usize] = straight[n];
-                back = true;
-            }
-        }
-        if !back {
-            return;
-        }
-    }
+    let targets = middles.par_iter().filter_map(|&n| {
+        let straight = mesh.positions[n as usize];
+        let target = project(distance, straight);
+        (target.distance(straight) <= FARTHEST * length[&n]).then_some((n, target))
+    });
+    let mut targets: BTreeMap<u32, DVec3> = targets.collect();
+    move_nodes(mesh, &mut targets);
+    middles.retain(|n| targets.contains_key(n));
 }
 
 /// The point of the surface nearest to `p`, for `p` near it.
@@ -814,50 +789,6 @@ fn root(distance: &impl Fn(DVec3) -> (f64, DVec3), inner: DVec3, outer: DVec3, t
 
 fn six_volumes([a, b, c, d]: [DVec3; 4]) -> f64 {
     (b - a).cross(c - a).dot(d - a)
-}
-
-/// Jacobian determinant of a quadratic tetrahedron at barycentric coordinates l.
-fn jacobian(x: &[DVec3; 10], l: [f64; 4]) -> f64 {
-    // dx/dl_i of Σ l_i (2 l_i − 1) x_i + Σ 4 l_a l_b x_ab; then the differences from the first.
-    let mut d: [DVec3; 4] = std::array::from_fn(|i| x[i] * (4.0 * l[i] - 1.0));
-    for (e, [a, b]) in EDGES.iter().enumerate() {
-        d[*a] += x[4 + e] * (4.0 * l[*b]);
-        d[*b] += x[4 + e] * (4.0 * l[*a]);
-    }
-    (d[1] - d[0]).cross(d[2] - d[0]).dot(d[3] - d[0])
-}
-
-/// Points and weights that integrate cubics, as Jacobians are (Zienkiewicz and Taylor, table 5.3).
-const CUBIC: [([f64; 4], f64); 5] = {
-    const S: f64 = 1.0 / 6.0;
-    [
-        ([0.25; 4], -0.8),
-        ([0.5, S, S, S], 0.45),
-        ([S, 0.5, S, S], 0.45),
-        ([S, S, 0.5, S], 0.45),
-        ([S, S, S, 0.5], 0.45),
-    ]
-};
-
-fn element_points(positions: &[DVec3], element: &[u32; 10]) -> [DVec3; 10] {
-    element.map(|n| positions[n as usize])
-}
-
-/// Smallest Jacobian at the nodes, at the faces' and the element's middles and between, over the element's mean.
-fn jacobian_ratio(positions: &[DVec3], element: &[u32; 10]) -> f64 {
-    let x = element_points(positions, element);
-    let mean: f64 = CUBIC.iter().map(|(l, w)| w * jacobian(&x, *l)).sum();
-    let mut least = f64::INFINITY;
-    let mut look = |l: [f64; 4]| least = least.min(jacobian(&x, l));
-    CUBIC.iter().for_each(|(l, _)| look(*l));
-    for i in 0..4 {
-        look(std::array::from_fn(|j| f64::from(u8::from(i == j))));
-        look(std::array::from_fn(|j| if i == j { 0.0 } else { 1.0 / 3.0 }));
-    }
-    for edge in EDGES {
-        look(std::array::from_fn(|j| if edge.contains(&j) { 0.5 } else { 0.0 }));
-    }
-    if mean > 0.0 { least / mean } else { f64::NEG_INFINITY }
 }
 
 /// Of curved elements, m³.
