@@ -46,6 +46,8 @@ pub(crate) struct Symbolic {
     cholesky: SymbolicCholesky<u32>,
     /// What a factorisation costs, in solves with the factor: fixed by the pattern, not by a clock.
     pub factor_in_solves: f64,
+    /// Entries of a factor.
+    pub entries: f64,
 }
 
 /// L of L Lᵀ.
@@ -96,7 +98,7 @@ impl Symbolic {
         }
         // A factorisation does about fourteen times as many operations a second as a solve, which waits for memory.
         let factor_in_solves = flops / (4.0 * entries) / 14.0;
-        Symbolic { columns, rows, cholesky, factor_in_solves }
+        Symbolic { columns, rows, cholesky, factor_in_solves, entries }
     }
 
     /// The factor of `matrix` with the rows and columns of `held` unknowns replaced by the identity's.

@@ -179,6 +179,18 @@ impl Model {
         self.held[first..first + 3].contains(&true)
     }
 
+    /// About what a sticking press with its stuck tangents takes of one core, s: from the elements and the factor's size, fitted to
+    /// presses that were timed. The same on every machine, to plan by; a machine may be twice as fast.
+    pub fn press_estimate_s(&self) -> f64 {
+        /// Of a factor's entry in a solve, and of an element's assembly, s.
+        const EACH: [f64; 2] = [8.1e-3 / 15e6, 17e-3 / 7509.0];
+        /// Solves, factorisations and assemblies of a press.
+        const COUNTS: [f64; 3] = [404.0, 13.0, 90.0];
+        let [solves, factors, assemblies] = COUNTS;
+        let solves = solves + factors * self.symbolic.factor_in_solves;
+        solves * self.symbolic.entries * EACH[0] + assemblies * self.elements.len() as f64 * EACH[1]
+    }
+
     /// Unknowns, the held ones among them.
     pub fn unknowns(&self) -> usize {
         self.held.len()

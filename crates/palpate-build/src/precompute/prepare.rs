@@ -5,7 +5,8 @@ use super::run::{Prepared, Rounds};
 use super::{assemble, volume};
 use crate::paths_file::{PathsPlan, Point, Scene, TestPoint};
 use crate::spec::{
-    Fixed, Geometry, Material, MaterialLaw, Place, Selection, Simulation, Spec, TestPoints, ToolShape, Volume,
+    COUNT, Fixed, Geometry, Material, MaterialLaw, Place, Selection, Simulation, Spec, TestPoints, ToolShape,
+    Volume,
 };
 use anyhow::{Result, anyhow, bail};
 use glam::{DMat3, DVec3};
@@ -166,7 +167,8 @@ pub fn prepare(
     let compliance_prior = compliance_prior(&surface, &compliance);
     go_on("the search for the stiffness at rest")?;
     let open = touchable(&surface, &held, margin(simulation)?)?;
-    let nodes = choose(simulation, &surface, &held, &open, &compliance_prior, path, &mut notes)?;
+    let press_s = solver.model().press_estimate_s();
+    let nodes = choose(simulation, &surface, &held, &open, &compliance_prior, press_s, path, &mut notes)?;
     let dragged = spread_among(&surface, &open, &nodes, simulation.drag_points, Some(&compliance_prior))?;
     let points = nodes.into_iter().map(|node| TestPoint {
         node,
@@ -553,12 +555,24 @@ fn one_for_each_vertex(surface: &Surface, touchable: &[bool]) -> Vec<u32> {
 }
 
 /// The test points' nodes, ascending; or in the spec's order, where it names them.
+/// How many test points half an hour on two cores is about enough for, if a press takes so long (s) and so many of them are dragged;
+/// not fewer than where each would be dragged.
+fn affordable(press_s: f64, drags: usize) -> usize {
+    const CORE_S: f64 = 3600.0;
+    /// What drags from a pressed point take, in presses.
+    const DRAGS: f64 = 3.0;
+    let presses = CORE_S / press_s - DRAGS * drags as f64;
+    // A float beyond all integers becomes the largest one.
+    presses.max(f64::from(COUNT)) as usize
+}
+
 fn choose(
     simulation: &Simulation,
     surface: &Surface,
     held: &[bool],
     touchable: &[bool],
     compliance_prior: &[f64],
+    press_s: f64,
     path: &Path,
     notes: &mut Vec<String>,
 ) -> Result<Vec<u32>> {
@@ -576,6 +590,9 @@ fn choose(
             Amount::Count(count.min(free.len().max(1)))
         }
         TestPoints::EveryNode => Amount::Count(free.len().max(1)),
+        TestPoints::Affordable => {
+            Amount::Count(affordable(press_s, simulation.drag_points).min(free.len().max(1)))
+        }
         TestPoints::Spacing(spacing) => Amount::Spacing(*spacing),
         TestPoints::At(points) => return named_points(points, surface, held, path, notes),
     };

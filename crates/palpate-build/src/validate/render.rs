@@ -81,8 +81,7 @@ impl Variant {
 /// All that every path of a trial is rendered by; the body itself first.
 pub fn variants(body: &Body, trial: &Trial) -> Result<Vec<Variant>> {
     let own = Arc::new(match trial.history {
-        History::FrictionlessPress => sticking(body, Some(trial.normal_max_m))?,
-        History::Stick => sticking(body, None)?,
+        History::FrictionlessPress | History::Stick => sticking(body, trial.normal_max_m)?,
         History::Coulomb | History::Frictionless => body.clone(),
     });
     let as_it_is = Variant::new(Source::Body, own.clone());
@@ -154,7 +153,7 @@ pub fn own_potential(
     let own = BodyParts { coupled, responses, lateral_tensors, blends, test_point_nodes, ..parts };
     let mut own = Body::new(own).ok()?;
     if trial.history == History::Stick {
-        own = sticking(&own, None).ok()?;
+        own = sticking(&own, trial.normal_max_m).ok()?;
     }
     Some(Variant { source: Source::OwnPotential, body: Arc::new(own), ..variants.first()?.clone() })
 }
@@ -216,23 +215,23 @@ fn constant(like: &Curve, value: f64) -> palpate_body::Result<Curve> {
     Curve::through(like.knots(), &vec![value; like.knots().len()], Interpolation::Linear, Extension::Constant)
 }
 
-/// The body with more friction than can be overcome, from first touch on. With a greatest depth (m): without
-/// friction down to a hundredth of it, where the contact settles, and with endless friction from two
-/// hundredths on.
+/// The body without friction down to a hundredth of the greatest depth (m), where the contact settles, and with more friction than
+/// can be overcome from two hundredths on. A ball first touches where facets are nearest, which their frames know nothing of: held
+/// there it would lean by the angle between both.
 ///
 /// # Errors
 /// The responses can't be brought onto the further knots.
-pub fn sticking(body: &Body, settling: Option<f64>) -> Result<Body> {
+pub fn sticking(body: &Body, normal_max_m: f64) -> Result<Body> {
     /// Shares of the greatest depth between which friction comes.
     const ONSET: [f64; 2] = [0.01, 0.02];
-    let onset = settling.map(|normal_max_m| ONSET.map(|share| share * normal_max_m));
+    let onset = ONSET.map(|share| share * normal_max_m);
     // Knots with the onset's, unless there is one at that depth already, and friction on them.
     let friction = |like: &Curve| -> Result<Curve> {
         let mut knots = like.knots().to_vec();
         let new = |o: &f64| like.knots().iter().all(|k| (k - o).abs() > 1e-7);
-        knots.extend(onset.iter().flatten().copied().filter(new));
+        knots.extend(onset.iter().copied().filter(new));
         knots.sort_by(f64::total_cmp);
-        let endless = |k: &f64| onset.is_none_or(|[begin, _]| *k > begin + 1e-7);
+        let endless = |k: &f64| *k > onset[0] + 1e-7;
         let values: Vec<f64> = knots.iter().map(|k| if endless(k) { ENDLESS } else { 0.0 }).collect();
         Ok(Curve::through(&knots, &values, Interpolation::Linear, Extension::Constant)?)
     };
