@@ -425,8 +425,8 @@ fn paths_at_test_points_begin_there() {
     });
     let v = validate(&body, &at, &simulated, &|| ()).unwrap();
     let [n, t] = worst(&v.summary);
-    // The contact settles over the first hundredth of the depth, where this law leans already.
-    assert!(n < 0.6 && t < 0.6, "{n} {t}");
+    // The contact settles over the first 2.5 % of the depth, where this law leans already.
+    assert!(n < 1.0 && t < 1.0, "{n} {t}");
     assert!(v.phases.iter().all(|p| matches!(p.phase, Phase::Press | Phase::Stick)));
     // No farther than friction can hold one and a half times.
     assert!(v.paths.iter().all(|p| p.distance_m <= 1.5 * 0.4 * p.depth_m));

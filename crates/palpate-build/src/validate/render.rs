@@ -215,15 +215,15 @@ fn constant(like: &Curve, value: f64) -> palpate_body::Result<Curve> {
     Curve::through(like.knots(), &vec![value; like.knots().len()], Interpolation::Linear, Extension::Constant)
 }
 
-/// The body without friction down to a hundredth of the greatest depth (m), where the contact settles, and with more friction than
-/// can be overcome from two hundredths on. A ball first touches where facets are nearest, which their frames know nothing of: held
+/// The body without friction down to 2.5 % of the greatest depth (m), where the contact settles, and with more friction than can be
+/// overcome from 3 % on. A ball first touches where facets are nearest, which their frames know nothing of: held
 /// there it would lean by the angle between both.
 ///
 /// # Errors
 /// The responses can't be brought onto the further knots.
 pub fn sticking(body: &Body, normal_max_m: f64) -> Result<Body> {
     /// Shares of the greatest depth between which friction comes.
-    const ONSET: [f64; 2] = [0.01, 0.02];
+    const ONSET: [f64; 2] = [0.025, 0.03];
     let onset = ONSET.map(|share| share * normal_max_m);
     // Knots with the onset's, unless there is one at that depth already, and friction on them.
     let friction = |like: &Curve| -> Result<Curve> {
