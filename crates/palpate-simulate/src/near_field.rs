@@ -1,9 +1,9 @@
 //! The near field: the nodes that the tool can touch, with the rest of the body condensed onto them.
 //!
-//! Contact and friction are what is not linear in a load step; the body's stiffness hardly changes. So the nodes of the surface
-//! near the tool are eliminated last, and the corner that they have in the factor says what the body, linear about the state at
-//! hand, answers their displacements with (Schur's complement). On these few unknowns contact, lift-off and slip are solved for
-//! by Newton's method as they are, for little; one substitution then moves the rest of the body along. What the body's own
+//! Contact is what is not linear in a load step; the body's stiffness hardly changes. So the nodes of the surface near the tool
+//! are eliminated last, and the corner that they have in the factor says what the body, linear about the state at hand, answers
+//! their displacements with (Schur's complement). On these few unknowns contact and lift-off are solved for by Newton's method as
+//! they are, for little; one substitution then moves the rest of the body along. What the body's own
 //! nonlinearity leaves out of balance is the load of the next round (modified Newton: Zienkiewicz & Taylor).
 
 use crate::contact::{Tangent, ToolContact};
@@ -392,8 +392,8 @@ impl Solver<'_> {
         }
     }
 
-    /// One round: the near field is brought to balance, all of the body being linear, until `regrip` says that friction holds
-    /// what it can; then the rest follows. After [`Solver::imbalance`]; the balance is found to `tolerance`, N.
+    /// One round: the near field is brought to balance, all of the body being linear, until `regrip` says that nothing more is
+    /// caught; then the rest follows. After [`Solver::imbalance`]; the balance is found to `tolerance`, N.
     pub fn near_field_round(
         &mut self,
         contact: &mut ToolContact,
