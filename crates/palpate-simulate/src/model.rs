@@ -224,6 +224,26 @@ impl Model {
         energy
     }
 
+    /// ∂energy/∂u of the displacements `u`, N; whether no element is inverted: else it means nothing.
+    pub(crate) fn forces(&self, u: &[f64], gradient: &mut [f64]) -> bool {
+        gradient.fill(0.0);
+        let mut forces = [0.0; 30];
+        let arch = pulp::Arch::new();
+        for (e, element) in self.elements.iter().enumerate() {
+            let local = self.gather(element, u);
+            let tissue = &self.tissues[self.regions[e] as usize];
+            if !arch.dispatch(|| tissue.forces(&self.points[e], &local, &mut forces)) {
+                return false;
+            }
+            for (force, &node) in forces.chunks_exact(3).zip(element) {
+                for (g, f) in gradient[3 * node as usize..].iter_mut().zip(force) {
+                    *g += f;
+                }
+            }
+        }
+        true
+    }
+
     /// The same with its gradient (N) and stiffness (N/m), which mean nothing if the energy is infinite.
     pub(crate) fn assemble(&self, u: &[f64], gradient: &mut [f64], stiffness: &mut Stiffness) -> f64 {
         gradient.fill(0.0);
