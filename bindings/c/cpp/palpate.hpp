@@ -208,6 +208,8 @@ struct BodyArrays : palpate_body_arrays {
 class Body {
 public:
     Body() noexcept = default;
+    /// Takes over a handle of the C interface, and closes it.
+    explicit Body(palpate_body handle) noexcept : owner_(handle) {}
 
     static Status try_open(const char *path, Body &body, Message *message = nullptr) noexcept {
         Body opened;

@@ -51,8 +51,10 @@
 #define PALPATE_BODY_ARRAYS_INIT \
     { (uint32_t)sizeof(palpate_body_arrays), PALPATE_ABI_VERSION, NULL, 0, NULL, 0, NULL, 0, \
       (uint32_t)sizeof(palpate_sample_row), 0, 0, -1.0, 0, 0, 0, 0, 0 }
-/* Its other members are zeros. */
-#define PALPATE_RECORD_INIT { (uint32_t)sizeof(palpate_record) }
+#define PALPATE_RECORD_INIT \
+    { (uint32_t)sizeof(palpate_record), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, { 0 }, { 0 }, { 0 }, 0, 0, { 0 }, \
+      { 0 }, { 0 }, { 0 }, { 0 }, { 0 }, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, { 0 }, { 0 }, { 0 }, 0, 0, 0, 0, 0, 0, \
+      { 0 }, 0, 0, { 0 }, 0, 0 }
 #define PALPATE_OUTCOME_INIT { (uint32_t)sizeof(palpate_outcome), 0, 0, 0, 0, 0, 0, 0, 0, 0, { 0 } }
 #define PALPATE_DEVICE_INIT \
     { (uint32_t)sizeof(palpate_device), PALPATE_ABI_VERSION, NULL, NULL, NULL, NULL, NULL, NULL, NULL }
