@@ -15,9 +15,10 @@ fn here(file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(file)
 }
 
-/// Where cargo puts the shared and the static library that these tests' own is built with.
+/// Where cargo puts the shared and the static library when it builds these tests; or others, that `PALPATE_LIBRARIES` names.
 fn libraries() -> PathBuf {
-    let folder = std::env::current_exe().unwrap().parent().unwrap().to_path_buf();
+    let own = || std::env::current_exe().unwrap().parent().unwrap().to_path_buf();
+    let folder = std::env::var_os("PALPATE_LIBRARIES").map_or_else(own, PathBuf::from);
     for name in ["libpalpate_c.a", "libpalpate_c.so"] {
         assert!(folder.join(name).is_file(), "{} is not there", folder.join(name).display());
     }
@@ -225,4 +226,55 @@ fn a_fresh_folder_builds_and_runs_the_examples_with_cmake() {
         }
         eprintln!("{c}, {cpp}: the examples ran, built with cmake");
     }
+}
+
+/// What the border costs: a step through C less a step in Rust, on paths that stick, slide and don't touch. Times are the machine's: the
+/// bar is judged in release mode, with the library as it is shipped (`bindings/c/package` leaves it in the release folder):
+/// `PALPATE_LIBRARIES=$PWD/target/release cargo test --release -p palpate-c --test programs -- --ignored --nocapture`
+#[test]
+#[ignore = "it times"]
+fn a_step_through_c_costs_20_ns_more_at_most() {
+    let folder = tempfile::tempdir().unwrap();
+    let ball = Shape::Sphere { radius_mm: 30.0 }.surface(Default::default()).unwrap();
+    let body = Body::uniform(ball, Response::paper(600.0, 500.0, 0.3, 8e-3, 8e-3).unwrap()).unwrap();
+    let file = folder.path().join("0.body");
+    body.save(&file).unwrap();
+    let program = folder.path().join("overhead");
+    build(compilers()[0][0], "tests/programs/overhead.c", &["-O2"], &program);
+    let mut most = 0.0f64;
+    for (name, motion) in [("in free space", 0), ("sticking", 1), ("sliding", 2)] {
+        let rows: Vec<[f64; 7]> = (0..20_000)
+            .map(|k| {
+                let t = f64::from(k) * 1e-3;
+                let down = (t / 0.5).min(1.0);
+                let x = if motion == 2 { 6e-3 * (2.0 * t).sin() } else { 1e-5 * (9.0 * t).sin() };
+                let z = if motion == 0 { 40e-3 + 1e-3 * t.sin() } else { 31e-3 - 4e-3 * down };
+                [t, x, 0.0, z, 1.0, 0.0, 0.0]
+            })
+            .collect();
+        let path = folder.path().join("path");
+        let bytes: Vec<u8> = rows.iter().flatten().flat_map(|x| x.to_ne_bytes()).collect();
+        std::fs::write(&path, bytes).unwrap();
+        // In turns, so that both meet the machine alike.
+        let (mut rust_ns, mut c_ns) = (f64::INFINITY, f64::INFINITY);
+        for _ in 0..15 {
+            let (mut contact, mut sum) = (Contact::new(&body), 0.0);
+            for _ in 0..3 {
+                contact = Contact::new(&body);
+                let begun = std::time::Instant::now();
+                for &[_, x, y, z, ..] in &rows {
+                    sum +=
+                        contact.step(std::hint::black_box(&body), &ToolState::at([x, y, z]), 1e-3).force_n[2];
+                }
+                rust_ns = rust_ns.min(begun.elapsed().as_secs_f64() * 1e9 / rows.len() as f64);
+            }
+            std::hint::black_box((contact, sum));
+            let output = run(Command::new(&program).arg(&file).arg(&path).arg("3"));
+            let text = String::from_utf8(output.stdout).unwrap();
+            c_ns = c_ns.min(text.split(' ').next().unwrap().parse().unwrap());
+        }
+        println!("{name}: Rust {rust_ns:.1} ns, C {c_ns:.1} ns, {:.1} ns more", c_ns - rust_ns);
+        most = most.max(c_ns - rust_ns);
+    }
+    assert!(most <= 20.0, "{most:.1} ns");
 }
