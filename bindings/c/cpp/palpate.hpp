@@ -21,6 +21,7 @@
 #include <cstring>
 #include <memory>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -133,8 +134,11 @@ private:
     Handle handle_{0};
 };
 
+/// A session that another thread is just looking at is not left running.
 inline palpate_status close_session(palpate_session session) {
-    return palpate_session_close(session, nullptr, nullptr);
+    palpate_status status;
+    while ((status = palpate_session_close(session, nullptr, nullptr)) == PALPATE_STATUS_BUSY) std::this_thread::yield();
+    return status;
 }
 inline palpate_error *raw(Message *message) noexcept { return message; }
 } // namespace detail

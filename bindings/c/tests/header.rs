@@ -1,7 +1,7 @@
 //! The committed header against the sources it is made of, and the interface against its version.
 //!
-//! After a change: `PALPATE_BLESS=1 cargo test -p palpate-c --test header` writes `include/palpate.h` and `abi.txt` anew. It refuses
-//! where something that was there is gone or other, as long as `PALPATE_ABI_VERSION` is the same.
+//! After a change: `PALPATE_BLESS=1 cargo test -p palpate-c --test header` writes `include/palpate.h`, `docs/c-reference.md` and `abi.txt`
+//! anew, the last only where nothing that was there is gone or other, or `PALPATE_ABI_VERSION` is.
 
 use palpate::runtime::Record;
 use palpate_c::*;
@@ -238,5 +238,82 @@ fn flags_are_the_engines() {
         let name = if name == "fenced" { "patch_boundary" } else { name };
         let line = format!("#define PALPATE_FLAG_{} {}\n", name.to_uppercase(), flag.bits());
         assert!(header.contains(&line), "{line}");
+    }
+}
+
+/// `docs/c-reference.md` of a header: constants, structs and functions with what is said of them, in the header's order.
+fn reference(header: &str) -> String {
+    let code = header.split_once("#include <stdint.h>").unwrap().1;
+    let (mut constants, mut structs, mut functions) = (String::new(), String::new(), String::new());
+    let (mut about, mut lines) = (String::new(), code.lines());
+    while let Some(line) = lines.next() {
+        if let Some(words) = line.strip_prefix("//") {
+            about = words_of(about, words);
+            continue;
+        }
+        let said = std::mem::take(&mut about);
+        if let Some(define) = line.strip_prefix("#define PALPATE_").filter(|d| !d.contains("_INIT")) {
+            let (name, value) = define.split_once(' ').unwrap();
+            constants.push_str(&format!("| `PALPATE_{name}` | {value} | {said} |\n"));
+        } else if let Some(name) = line.strip_prefix("typedef struct ").and_then(|l| l.strip_suffix(" {")) {
+            structs.push_str(&format!("### `{name}`\n\n{said}\n\n| member | |\n|---|---|\n"));
+            let (mut about, mut member) = (String::new(), String::new());
+            for line in lines.by_ref().take_while(|line| !line.starts_with('}')).map(str::trim) {
+                match line.strip_prefix("//") {
+                    Some(more) => about = words_of(about, more),
+                    None => member = format!("{member} {line}"),
+                }
+                if line.ends_with(';') && !line.starts_with("//") {
+                    let declared = words(member.trim_end_matches(';')).replace("struct ", "");
+                    structs.push_str(&format!("| `{declared}` | {about} |\n"));
+                    (about, member) = Default::default();
+                }
+            }
+            structs.push('\n');
+        } else if line.starts_with("typedef ") || line.contains("palpate_") && !line.starts_with('#') {
+            let mut declared = line.to_owned();
+            while !declared.ends_with(';') {
+                declared.push(' ');
+                declared.push_str(lines.next().unwrap().trim());
+            }
+            let declared = words(&declared).replace("struct ", "");
+            let to = if declared.starts_with("typedef") { &mut structs } else { &mut functions };
+            let name =
+                declared.split('(').next().unwrap().rsplit([' ', '*']).next().unwrap().trim_end_matches(';');
+            let title = if declared.starts_with("typedef") {
+                declared.split("(*").nth(1).map_or(name, |rest| rest.split(')').next().unwrap())
+            } else {
+                name
+            };
+            to.push_str(&format!("### `{title}`\n\n```c\n{declared}\n```\n\n{said}\n\n"));
+        }
+    }
+    format!(
+        "# The C interface, function by function\n\nMade of `bindings/c/include/palpate.h`, whose first page says what holds for all of it: \
+         units and frames, statuses, handles, sizes, pointers. [c.md](c.md) says where to begin.\n\n\
+         ## Functions\n\n{functions}## Structs and types\n\n{structs}## Constants\n\n| name | value | |\n|---|---|---|\n{constants}"
+    )
+}
+
+fn words_of(before: String, more: &str) -> String {
+    let more = more.trim().replace('|', "\\|");
+    if before.is_empty() { more } else { format!("{before} {more}") }
+}
+
+#[test]
+fn the_reference_is_the_headers() {
+    let (path, reference) = (here("../../docs/c-reference.md"), reference(&generated()));
+    if blessing() {
+        fs::write(&path, &reference).unwrap();
+    }
+    assert!(
+        fs::read_to_string(&path).unwrap_or_default() == reference,
+        "docs/c-reference.md is not the header's: write it anew with PALPATE_BLESS=1"
+    );
+    let functions =
+        declarations(&generated()).into_iter().filter(|d| d.contains('(') && !d.starts_with("typedef"));
+    for function in functions {
+        let name = function.split('(').next().unwrap().rsplit([' ', '*']).next().unwrap();
+        assert!(reference.contains(&format!("### `{name}`\n")), "{name}");
     }
 }

@@ -132,10 +132,18 @@ fn one_path_has_the_same_bits_in_rust_c_and_cpp() {
     }
 }
 
+const EXAMPLES: [&str; 4] = [
+    "examples/own_loop.c",
+    "examples/instead_of_a_proxy.c",
+    "examples/own_device.c",
+    "examples/own_loop.cpp",
+];
+
 #[test]
-fn misuse_is_a_status_and_clean_under_sanitizers() {
+fn misuse_is_a_status_and_it_and_the_examples_are_clean_under_sanitizers() {
     let folder = tempfile::tempdir().unwrap();
-    for [compiler, _] in compilers() {
+    for [c, cpp] in compilers() {
+        let compiler = c;
         let sanitizers = [
             ("no sanitizer", vec![]),
             (
@@ -161,6 +169,15 @@ fn misuse_is_a_status_and_clean_under_sanitizers() {
             let only = options.contains(&"-fsanitize=thread").then_some("threads");
             run(Command::new(&program).args(only).current_dir(folder.path()));
             eprintln!("{compiler}: misuse ran under: {name}");
+            if only.is_none() && !options.is_empty() {
+                for (compiler, example) in
+                    EXAMPLES.map(|file| (if file.ends_with("cpp") { cpp } else { c }, file))
+                {
+                    build(compiler, example, &options, &program);
+                    run(Command::new(&program).current_dir(folder.path()));
+                    eprintln!("{compiler}: {example} ran under: {name}");
+                }
+            }
         }
     }
 }
@@ -277,4 +294,17 @@ fn a_step_through_c_costs_20_ns_more_at_most() {
         most = most.max(c_ns - rust_ns);
     }
     assert!(most <= 20.0, "{most:.1} ns");
+}
+
+/// The C++ header, whole, with and without exceptions, in C++17 and in C++20 with its spans.
+#[test]
+fn the_cpp_header_serves_with_and_without_exceptions() {
+    let folder = tempfile::tempdir().unwrap();
+    for [_, cpp] in compilers() {
+        for options in [&[][..], &["-fno-exceptions"], &["-std=c++20"]] {
+            let program = folder.path().join("faces");
+            build(cpp, "tests/programs/faces.cpp", options, &program);
+            run(Command::new(&program).current_dir(folder.path()));
+        }
+    }
 }
