@@ -18,15 +18,10 @@ fn blessing() -> bool {
     std::env::var_os("PALPATE_BLESS").is_some()
 }
 
-/// In the order of the header.
-const SOURCES: [&str; 8] = ["lib", "status", "handles", "body", "make", "contact", "rollout", "device"];
-
 fn generated() -> String {
     let config = cbindgen::Config::from_file(here("cbindgen.toml")).unwrap();
-    let mut builder = cbindgen::Builder::new().with_config(config);
-    for source in SOURCES.into_iter().chain(["session"]) {
-        builder = builder.with_src(here(&format!("src/{source}.rs")));
-    }
+    // It follows the modules from there.
+    let builder = cbindgen::Builder::new().with_config(config).with_src(here("src/lib.rs"));
     let mut text = Vec::new();
     builder.generate().unwrap().write(&mut text);
     String::from_utf8(text).unwrap()
@@ -117,7 +112,7 @@ fn declarations(header: &str) -> BTreeSet<String> {
     for c in code.chars() {
         depth += i32::from(c == '{') - i32::from(c == '}');
         if c == ';' && depth == 0 {
-            found.insert(words(&one));
+            assert!(found.insert(words(&one)), "twice in the header: {one}");
             one.clear();
         } else {
             one.push(c);
@@ -148,7 +143,7 @@ fn members(header: &str) -> BTreeMap<String, Vec<String>> {
 
 #[test]
 fn every_struct_of_the_header_is_looked_at() {
-    let header = fs::read_to_string(here("include/palpate.h")).unwrap();
+    let header = generated();
     let there = members(&header);
     let known: BTreeMap<String, Vec<String>> = layouts()
         .into_iter()
@@ -233,7 +228,7 @@ fn a_record_has_the_members_of_the_runtimes() {
 /// The flags and rules that the header numbers are the engine's.
 #[test]
 fn flags_are_the_engines() {
-    let header = fs::read_to_string(here("include/palpate.h")).unwrap();
+    let header = generated();
     for (name, flag) in palpate::engine::Flags::NAMED {
         let name = if name == "fenced" { "patch_boundary" } else { name };
         let line = format!("#define PALPATE_FLAG_{} {}\n", name.to_uppercase(), flag.bits());
@@ -243,7 +238,7 @@ fn flags_are_the_engines() {
 
 /// `docs/c-reference.md` of a header: constants, structs and functions with what is said of them, in the header's order.
 fn reference(header: &str) -> String {
-    let code = header.split_once("#include <stdint.h>").unwrap().1;
+    let code = header.split_once("#include <stdint.h>").unwrap().1.replace("\\\n", " ");
     let (mut constants, mut structs, mut functions) = (String::new(), String::new(), String::new());
     let (mut about, mut lines) = (String::new(), code.lines());
     while let Some(line) = lines.next() {
