@@ -85,5 +85,5 @@ fn a_step_and_what_goes_with_it_allocates_nothing() {
 
 /// The rollout pressed.
 fn has_pressed(forces: &[f64; 9]) -> bool {
-    forces[2] == 0.0 && forces[5] > 0.1 && forces[8] > forces[5]
+    forces[2] == 0.0 && forces[5] > 0.05 && forces[8] > forces[5]
 }

@@ -15,10 +15,9 @@ fn here(file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(file)
 }
 
-/// Where cargo puts the shared and the static library when it builds these tests; or others, that `PALPATE_LIBRARIES` names.
+/// Where cargo puts the shared and the static library when it builds these tests.
 fn libraries() -> PathBuf {
-    let own = || std::env::current_exe().unwrap().parent().unwrap().to_path_buf();
-    let folder = std::env::var_os("PALPATE_LIBRARIES").map_or_else(own, PathBuf::from);
+    let folder = std::env::current_exe().unwrap().parent().unwrap().to_path_buf();
     for name in ["libpalpate_c.a", "libpalpate_c.so"] {
         assert!(folder.join(name).is_file(), "{} is not there", folder.join(name).display());
     }
@@ -54,16 +53,19 @@ fn compilers() -> &'static [[&'static str; 2]] {
     })
 }
 
-/// Whatever a program that is linked with the static library needs besides.
-const SYSTEM: [&str; 3] = ["-lpthread", "-ldl", "-lm"];
-
-/// Compiles one file with the static library.
+/// Compiles one file with the shared library.
 fn build(compiler: &str, source: &str, options: &[&str], program: &Path) {
     let standard = if source.ends_with(".cpp") { "-std=c++17" } else { "-std=c11" };
     let mut command = Command::new(compiler);
     command.args([standard, "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O1", "-g"]).args(options);
     command.arg("-I").arg(here("include")).arg("-I").arg(here("cpp"));
-    command.arg(here(source)).arg(libraries().join("libpalpate_c.a")).args(SYSTEM).arg("-o").arg(program);
+    // That one, or the one in an unpacked tarball.
+    let (folder, name) = match std::env::var_os("PALPATE_PACKAGE") {
+        Some(package) => (Path::new(&package).join("lib"), "-lpalpate"),
+        None => (libraries(), "-lpalpate_c"),
+    };
+    command.arg(here(source)).arg("-o").arg(program).arg("-L").arg(&folder).arg(name);
+    command.arg(format!("-Wl,-rpath,{}", folder.display())).args(["-lpthread", "-lm"]);
     run(&mut command);
 }
 
@@ -246,8 +248,7 @@ fn a_fresh_folder_builds_and_runs_the_examples_with_cmake() {
 }
 
 /// What the border costs: a step through C less a step in Rust, on paths that stick, slide and don't touch. Times are the machine's: the
-/// bar is judged in release mode, with the library as it is shipped (`bindings/c/package` leaves it in the release folder):
-/// `PALPATE_LIBRARIES=$PWD/target/release cargo test --release -p palpate-c --test programs -- --ignored --nocapture`
+/// bar is judged in release mode, with the library as it is shipped: CONTRIBUTING.md has the commands.
 #[test]
 #[ignore = "it times"]
 fn a_step_through_c_costs_20_ns_more_at_most() {
