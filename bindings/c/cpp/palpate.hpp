@@ -13,6 +13,10 @@
 #ifndef PALPATE_HPP
 #define PALPATE_HPP
 
+#if __cplusplus < 201703L && !(defined(_MSVC_LANG) && _MSVC_LANG >= 201703L)
+#error "palpate.hpp needs C++17: compile with -std=c++17 or newer"
+#endif
+
 #include "palpate.h"
 
 #include <array>

@@ -321,7 +321,14 @@ fn the_pages_programs_compile() {
             let file = folder.path().join(name);
             std::fs::write(&file, text).unwrap();
             let mut command = Command::new(compiler);
-            command.arg("-fsyntax-only").arg("-I").arg(here("include")).arg("-I").arg(here("cpp")).arg(&file);
+            let standard = if name.ends_with("cpp") { "-std=c++17" } else { "-std=c11" };
+            command
+                .args([standard, "-fsyntax-only"])
+                .arg("-I")
+                .arg(here("include"))
+                .arg("-I")
+                .arg(here("cpp"))
+                .arg(&file);
             run(&mut command);
         }
     }
