@@ -182,13 +182,15 @@ impl Model {
     /// About what a sticking press with its stuck tangents takes of one core, s: from the elements and the factor's size, fitted to
     /// presses that were timed. The same on every machine, to plan by; a machine may be twice as fast.
     pub fn press_estimate_s(&self) -> f64 {
-        /// Of a factor's entry in a solve, and of an element's assembly, s.
-        const EACH: [f64; 2] = [8.1e-3 / 15e6, 17e-3 / 7509.0];
-        /// Solves, factorisations and assemblies of a press.
-        const COUNTS: [f64; 3] = [404.0, 13.0, 90.0];
-        let [solves, factors, assemblies] = COUNTS;
-        let solves = solves + factors * self.symbolic.factor_in_solves;
-        solves * self.symbolic.entries * EACH[0] + assemblies * self.elements.len() as f64 * EACH[1]
+        /// Of a factor's entry in a substitution; of an element's stiffness and forces; and of its forces alone, s.
+        const EACH: [f64; 3] = [6.7e-10, 1.9e-6, 0.6e-6];
+        /// Substitutions, factorisations and assemblies of a press; and what its dense near field takes, s.
+        const COUNTS: [f64; 4] = [100.0, 10.0, 16.0, 103.0];
+        const NEAR_FIELD: f64 = 0.3;
+        let [solves, factors, assemblies, forces] = COUNTS;
+        let elements = assemblies * EACH[1] + forces * EACH[2];
+        let solves = (solves + factors * self.symbolic.factor_in_solves) * self.symbolic.entries;
+        solves * EACH[0] + elements * self.elements.len() as f64 + NEAR_FIELD
     }
 
     /// Unknowns, the held ones among them.

@@ -167,9 +167,12 @@ pub fn prepare(
     let compliance_prior = compliance_prior(&surface, &compliance);
     go_on("the search for the stiffness at rest")?;
     let open = touchable(&surface, &held, margin(simulation)?)?;
-    let press_s = solver.model().press_estimate_s();
-    let nodes = choose(simulation, &surface, &held, &open, &compliance_prior, press_s, path, &mut notes)?;
-    let dragged = spread_among(&surface, &open, &nodes, simulation.drag_points, Some(&compliance_prior))?;
+    let (mut count, mut drags) = (0, simulation.drag_points);
+    if simulation.test_points == TestPoints::Affordable {
+        [count, drags] = affordable(solver.model().press_estimate_s(), drags);
+    }
+    let nodes = choose(simulation, &surface, &held, &open, &compliance_prior, count, path, &mut notes)?;
+    let dragged = spread_among(&surface, &open, &nodes, drags, Some(&compliance_prior))?;
     let points = nodes.into_iter().map(|node| TestPoint {
         node,
         plan: point_plan(
@@ -554,25 +557,28 @@ fn one_for_each_vertex(surface: &Surface, touchable: &[bool]) -> Vec<u32> {
     nodes
 }
 
-/// The test points' nodes, ascending; or in the spec's order, where it names them.
-/// How many test points half an hour on two cores is about enough for, if a press takes so long (s) and so many of them are dragged;
-/// not fewer than where each would be dragged.
-fn affordable(press_s: f64, drags: usize) -> usize {
+/// How many test points half an hour on two cores is about enough for, and how many of these are dragged, if a press takes so long (s):
+/// a third of the time goes to drags, at `most` of them. Not fewer points than a decoupled law has.
+fn affordable(press_s: f64, most: usize) -> [usize; 2] {
     const CORE_S: f64 = 3600.0;
-    /// What drags from a pressed point take, in presses.
-    const DRAGS: f64 = 3.0;
-    let presses = CORE_S / press_s - DRAGS * drags as f64;
+    /// What the drags from a pressed point take, in presses.
+    const DRAGS: f64 = 9.0;
+    /// Terms of third and fourth order want to be known at a few.
+    const LEAST: f64 = 8.0;
+    let presses = CORE_S / press_s;
     // A float beyond all integers becomes the largest one.
-    presses.max(f64::from(COUNT)) as usize
+    let dragged = most.min((presses / (3.0 * DRAGS)).max(LEAST) as usize);
+    [(presses - DRAGS * dragged as f64).max(f64::from(COUNT)) as usize, dragged]
 }
 
+/// The test points' nodes, ascending; or in the spec's order, where it names them.
 fn choose(
     simulation: &Simulation,
     surface: &Surface,
     held: &[bool],
     touchable: &[bool],
     compliance_prior: &[f64],
-    press_s: f64,
+    count: usize,
     path: &Path,
     notes: &mut Vec<String>,
 ) -> Result<Vec<u32>> {
@@ -590,9 +596,7 @@ fn choose(
             Amount::Count(count.min(free.len().max(1)))
         }
         TestPoints::EveryNode => Amount::Count(free.len().max(1)),
-        TestPoints::Affordable => {
-            Amount::Count(affordable(press_s, simulation.drag_points).min(free.len().max(1)))
-        }
+        TestPoints::Affordable => Amount::Count(count.min(free.len().max(1))),
         TestPoints::Spacing(spacing) => Amount::Spacing(*spacing),
         TestPoints::At(points) => return named_points(points, surface, held, path, notes),
     };
