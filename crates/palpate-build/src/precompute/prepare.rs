@@ -167,11 +167,14 @@ pub fn prepare(
     let compliance_prior = compliance_prior(&surface, &compliance);
     go_on("the search for the stiffness at rest")?;
     let open = touchable(&surface, &held, margin(simulation)?)?;
-    let (mut count, mut drags) = (0, simulation.drag_points);
-    if simulation.test_points == TestPoints::Affordable {
-        [count, drags] = affordable(solver.model().press_estimate_s(), drags);
-    }
-    let nodes = choose(simulation, &surface, &held, &open, &compliance_prior, count, path, &mut notes)?;
+    let (points, drags) = match &simulation.test_points {
+        TestPoints::Affordable => {
+            let [count, drags] = affordable(solver.model().press_estimate_s(), simulation.drag_points);
+            (TestPoints::Count(count as u32), drags)
+        }
+        points => (points.clone(), simulation.drag_points),
+    };
+    let nodes = choose(&points, &surface, &held, &open, &compliance_prior, path, &mut notes)?;
     let dragged = spread_among(&surface, &open, &nodes, drags, Some(&compliance_prior))?;
     let points = nodes.into_iter().map(|node| TestPoint {
         node,
@@ -568,24 +571,23 @@ fn affordable(press_s: f64, most: usize) -> [usize; 2] {
     let presses = CORE_S / press_s;
     // A float beyond all integers becomes the largest one.
     let dragged = most.min((presses / (3.0 * DRAGS)).max(LEAST) as usize);
-    [(presses - DRAGS * dragged as f64).max(f64::from(COUNT)) as usize, dragged]
+    [(presses - DRAGS * dragged as f64).clamp(f64::from(COUNT), 1e6) as usize, dragged]
 }
 
 /// The test points' nodes, ascending; or in the spec's order, where it names them.
 fn choose(
-    simulation: &Simulation,
+    points: &TestPoints,
     surface: &Surface,
     held: &[bool],
     touchable: &[bool],
     compliance_prior: &[f64],
-    count: usize,
     path: &Path,
     notes: &mut Vec<String>,
 ) -> Result<Vec<u32>> {
     let free = one_for_each_vertex(surface, touchable);
-    let amount = match &simulation.test_points {
+    let amount = match points {
         TestPoints::Count(_) | TestPoints::Adaptive { .. } => {
-            let count = match simulation.test_points {
+            let count = match *points {
                 TestPoints::Adaptive { most, .. } => assemble::first_round(most),
                 TestPoints::Count(count) => count as usize,
                 _ => 0,
@@ -595,8 +597,8 @@ fn choose(
             }
             Amount::Count(count.min(free.len().max(1)))
         }
-        TestPoints::EveryNode => Amount::Count(free.len().max(1)),
-        TestPoints::Affordable => Amount::Count(count.min(free.len().max(1))),
+        // What is affordable is a count by now.
+        TestPoints::EveryNode | TestPoints::Affordable => Amount::Count(free.len().max(1)),
         TestPoints::Spacing(spacing) => Amount::Spacing(*spacing),
         TestPoints::At(points) => return named_points(points, surface, held, path, notes),
     };
