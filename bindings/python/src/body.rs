@@ -150,7 +150,9 @@ impl Body {
     ) -> PyResult<Self> {
         let jobs = crate::rollout::threads(threads)?;
         #[cfg(feature = "build")]
-        return crate::from_spec::from_spec(py, &path, progress, work_folder, jobs).map(Body::new);
+        {
+            crate::from_spec::from_spec(py, &path, progress, work_folder, jobs).map(Body::new)
+        }
         #[cfg(not(feature = "build"))]
         {
             let _ = (py, path, progress, work_folder, jobs);

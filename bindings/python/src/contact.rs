@@ -236,8 +236,8 @@ impl Contact {
         Ok(())
     }
 
-    /// The Lipschitz bound of the force at the present contact, N/m: how far one step's change of force may exceed the tool's way times
-    /// nothing. None in free space, or where the slip equation has no stable root, so that no bound exists.
+    /// The Lipschitz bound of the force at the present contact, N/m: by how much it changes at most for each metre that the tool moves. None in
+    /// free space, or where the slip equation has no stable root, so that no bound exists.
     fn lipschitz_n_per_m(&self) -> PyResult<Option<f64>> {
         Ok(self.alone()?.lipschitz_n_per_m(&self.shared))
     }

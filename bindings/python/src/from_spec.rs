@@ -54,7 +54,7 @@ pub fn from_spec(
     folder: Option<PathBuf>,
     jobs: usize,
 ) -> PyResult<Body> {
-    let work = |sender: Sender<Progress>, cancelled: &AtomicBool| {
+    let work = |sender: Sender<Progress>, cancelled: &AtomicBool| -> Result<Body, Stopped> {
         let spec = Spec::read(path)?;
         if spec.law.is_some() {
             let inputs = FitInputs { spec: Some((spec, path.to_path_buf())), ..FitInputs::default() };
