@@ -6,7 +6,7 @@ mod simulation;
 mod tool;
 
 pub use material::{Material, MaterialLaw, Volume};
-pub use simulation::{Fixed, Law, MeshSizes, Place, Region, Selection, Simulation, TestPoints};
+pub use simulation::{COUNT, Fixed, Law, MeshSizes, Place, Region, Selection, Simulation, TestPoints};
 pub use tool::{Contact, ToolShape};
 
 use crate::law::AnalyticLaw;

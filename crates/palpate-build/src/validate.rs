@@ -28,7 +28,7 @@ mod render;
 mod report;
 
 pub use errors::{Errors, Percentiles, PhaseErrors, Sliding, Spread, median, percentile};
-pub use render::sticking;
+pub use render::{held_force, sticking};
 pub use report::Measure;
 
 /// What is simulated and rendered.
@@ -511,7 +511,7 @@ pub fn validate(
                 let paths = simulator.press(&plan, true)?;
                 further.extend(own_potential(body, trial, &tried.place, &plan, &paths, &variants));
             }
-            let result = compare(body, &tried, &simulated, variants.iter().chain(&further));
+            let result = compare(body, trial.history, &tried, &simulated, variants.iter().chain(&further));
             progress();
             Some(result)
         })
@@ -550,6 +550,7 @@ pub fn validate(
 /// None if the simulation felt nothing.
 fn compare<'v>(
     body: &Body,
+    history: History,
     tried: &Tried,
     simulated: &Simulated,
     variants: impl Iterator<Item = &'v Variant> + Clone,
@@ -563,9 +564,14 @@ fn compare<'v>(
     let poses = &tried.poses[..found.len().min(tried.poses.len())];
     let offsets: Vec<DVec3> = poses.iter().map(|p| p.1).collect();
     let mut rendered: Vec<(Source, Vec<DVec3>)> = Vec::new();
+    // What sticks is held.
+    let held = match simulated {
+        Simulated::Press(_) if history == History::Stick => Some(tried.place.at),
+        _ => None,
+    };
     let mut normals = Vec::new();
     for variant in variants.clone() {
-        let (forces, there) = variant.forces(start, u, &offsets);
+        let (forces, there) = variant.forces(start, u, &offsets, held);
         if variant.source == Source::Body {
             normals = there;
         }
@@ -584,7 +590,7 @@ fn compare<'v>(
             let source = Source::PressureFriction;
             let variant = variants.clone().next().zip(pressures_hold(&found, u));
             let variant = variant.map(|(v, scale)| v.with_friction(source, scale));
-            rendered.extend(variant.map(|v| (source, v.forces(start, u, &offsets).0)));
+            rendered.extend(variant.map(|v| (source, v.forces(start, u, &offsets, held).0)));
         }
         _ => {}
     }

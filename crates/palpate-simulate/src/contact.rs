@@ -83,6 +83,8 @@ pub(crate) struct ToolContact<'t> {
     rule: [(f64, [f64; 6]); POINTS],
     /// For each face's point; empty while nothing is caught.
     anchors: Vec<[Option<Anchor>; POINTS]>,
+    /// The only faces that are looked at, while there are such.
+    watched: Option<Vec<u32>>,
 }
 
 struct Face {
@@ -94,6 +96,14 @@ struct Face {
     penalty: f64,
     /// Of a ball around the face's middle that holds it at rest, m.
     radius: f64,
+}
+
+/// What of the contact's stiffness is taken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Tangent {
+    Full,
+    /// Without what the tool's curvature takes from it: never negative.
+    Convex,
 }
 
 /// A point of the surface that the tool pushes or holds, body's axes.
@@ -137,7 +147,14 @@ impl<'t> ToolContact<'t> {
                 radius: p.iter().map(|p| p.distance(middle)).fold(0.0, f64::max),
             }
         });
-        ToolContact { tool, placement, faces: faces.collect(), rule: rule(), anchors: Vec::new() }
+        ToolContact {
+            tool,
+            placement,
+            faces: faces.collect(),
+            rule: rule(),
+            anchors: Vec::new(),
+            watched: None,
+        }
     }
 
     pub fn tool(&self) -> &RigidTool {
@@ -150,7 +167,10 @@ impl<'t> ToolContact<'t> {
 
     /// Calls `visit` for every point of the surface that is in the tool, or sticks to it.
     fn each_touch(&self, model: &Model, u: &[f64], mut visit: impl FnMut(usize, usize, Touch)) {
-        for (f, face) in self.faces.iter().enumerate() {
+        let looked_at = self.watched.as_ref().map_or(self.faces.len(), Vec::len);
+        for f in 0..looked_at {
+            let f = self.watched.as_ref().map_or(f, |watched| watched[f] as usize);
+            let face = &self.faces[f];
             let p = face.nodes.map(|node| model.place(node, u));
             let middle = (p[0] + p[1] + p[2]) / 3.0;
             let radius = p.iter().map(|p| p.distance(middle)).fold(face.radius, f64::max);
@@ -193,30 +213,74 @@ impl<'t> ToolContact<'t> {
     }
 
     pub fn assemble(&self, model: &Model, u: &[f64], gradient: &mut [f64], stiffness: &mut Stiffness) -> f64 {
+        self.assemble_into(
+            model,
+            u,
+            Tangent::Full,
+            |node, force| {
+                for (g, f) in gradient[3 * node as usize..].iter_mut().zip(force.to_array()) {
+                    *g -= f;
+                }
+            },
+            // Symmetric: rows and columns are the same.
+            |i, j, block| stiffness.add_block(&model.pattern, i, j, &block.to_cols_array()),
+        )
+    }
+
+    /// Calls `push` with each force on a node, and `stiffen` with each block of ∂²energy/∂u² between two of a face's nodes (each
+    /// pair once); returns the energy.
+    pub fn assemble_into(
+        &self,
+        model: &Model,
+        u: &[f64],
+        tangent: Tangent,
+        mut push: impl FnMut(u32, DVec3),
+        mut stiffen: impl FnMut(u32, u32, &DMat3),
+    ) -> f64 {
         let mut energy = 0.0;
         self.each_touch(model, u, |_, _, touch| {
             energy += touch.energy();
-            let force = touch.force();
-            let tangent = touch.tangent();
+            let (force, tangent) = (touch.force(), touch.tangent(tangent));
             for (a, &i) in touch.face.nodes.iter().enumerate() {
                 let n = touch.shape[a];
-                for (g, f) in gradient[3 * i as usize..].iter_mut().zip(force.to_array()) {
-                    *g -= n * f;
-                }
+                push(i, force * n);
                 for (b, &j) in touch.face.nodes[..=a].iter().enumerate() {
-                    let scaled = tangent * (n * touch.shape[b]);
-                    // The tangent is symmetric: rows and columns are the same.
-                    stiffness.add_block(&model.pattern, i, j, &scaled.to_cols_array());
+                    stiffen(i, j, &(tangent * (n * touch.shape[b])));
                 }
             }
         });
         energy
     }
 
+    /// Nodes (inner numbers, ascending) of faces that hold on to the tool or are nearer to it than `reach` of their own radii.
+    pub fn nodes_within(&self, model: &Model, u: &[f64], reach: f64) -> Vec<u32> {
+        let mut nodes = Vec::new();
+        for (f, face) in self.faces.iter().enumerate() {
+            let p = face.nodes.map(|node| model.place(node, u));
+            let middle = (p[0] + p[1] + p[2]) / 3.0;
+            let radius = p.iter().map(|p| p.distance(middle)).fold(face.radius, f64::max);
+            let caught = self.anchors.get(f).is_some_and(|anchors| anchors.iter().any(Option::is_some));
+            if caught || self.distance(middle) <= reach * radius {
+                nodes.extend_from_slice(&face.nodes);
+            }
+        }
+        nodes.sort_unstable();
+        nodes.dedup();
+        nodes
+    }
+
+    /// Looks only at faces with a node that has an index, until it is told otherwise.
+    pub fn watch(&mut self, index: Option<&[u32]>) {
+        let known = |face: &Face, index: &[u32]| face.nodes.iter().any(|&n| index[n as usize] != u32::MAX);
+        self.watched = index.map(|index| {
+            (0..self.faces.len() as u32).filter(|&f| known(&self.faces[f as usize], index)).collect()
+        });
+    }
+
     /// Adds the change of ∂energy/∂u for a small move of the tool.
     pub fn pull(&self, model: &Model, u: &[f64], move_by: DVec3, forces: &mut [f64]) {
         self.each_touch(model, u, |_, _, touch| {
-            let force = touch.tangent() * move_by;
+            let force = touch.tangent(Tangent::Full) * move_by;
             for (&i, n) in touch.face.nodes.iter().zip(touch.shape) {
                 for (sum, f) in forces[3 * i as usize..].iter_mut().zip(force.to_array()) {
                     *sum -= n * f;
@@ -247,7 +311,7 @@ impl<'t> ToolContact<'t> {
         let mut own = StuckTangent::default();
         self.each_touch(model, u, |_, _, touch| {
             let arm = touch.at - self.placement.tip;
-            let (tangent, gradient) = (touch.tangent(), -touch.force());
+            let (tangent, gradient) = (touch.tangent(Tangent::Full), -touch.force());
             let translations = DVec3::AXES.map(|axis| -(tangent * axis));
             let rotations = DVec3::AXES.map(|axis| axis.cross(gradient) - tangent * axis.cross(arm));
             for (forces, pull) in forces.iter_mut().zip(translations.iter().chain(&rotations)) {
@@ -435,10 +499,13 @@ impl Touch<'_> {
         (self.normal * -self.distance - along) * (self.weight * self.face.penalty)
     }
 
-    fn tangent(&self) -> DMat3 {
+    fn tangent(&self, kind: Tangent) -> DMat3 {
         let mut tangent = DMat3::ZERO;
         if self.distance < 0.0 {
-            tangent += outer(self.normal) + self.curvature * self.distance;
+            tangent += outer(self.normal);
+            if kind == Tangent::Full {
+                tangent += self.curvature * self.distance;
+            }
         }
         if let Some(grip) = self.grip {
             // Beyond the limit the energy goes on straight and has no stiffness along the slip: Newton's steps overshoot, and

@@ -149,6 +149,36 @@ impl Tissue {
         if energy.is_finite() { energy } else { f64::INFINITY }
     }
 
+    /// ∂energy/∂u, added to nothing; whether the element is not turned inside out: else forces mean nothing.
+    #[inline(always)]
+    pub fn forces(&self, points: &[GaussPoint; POINTS], u: &[f64; 30], out: &mut [f64; 30]) -> bool {
+        *out = [0.0; 30];
+        let measure = self.material.measure();
+        let mut deformations = [[0.0; 9]; POINTS];
+        let (mut volume, mut mean) = (0.0, 0.0);
+        for (point, f) in points.iter().zip(&mut deformations) {
+            *f = deformation(point, u);
+            if self.positive && folded(f) {
+                return false;
+            }
+            volume += point.volume;
+            if self.mean_pa > 0.0 {
+                mean += point.volume * measure.value(f);
+            }
+        }
+        let mean_pressure = self.mean_pa * mean / volume;
+        for (point, f) in points.iter().zip(&deformations) {
+            let (_, mut stress) = self.material.distortion_stress(f);
+            let (theta, gradient) = measure.gradient(f);
+            let total = self.pointwise_pa * theta + mean_pressure;
+            for (stress, gradient) in stress.iter_mut().zip(&gradient) {
+                *stress = (*stress + total * gradient) * point.volume;
+            }
+            add_forces(point, &stress, out);
+        }
+        out.iter().all(|f| f.is_finite())
+    }
+
     /// Energy, forces and stiffness. Energy is infinite, and the rest means nothing, where the element is turned
     /// inside out.
     #[inline(always)]

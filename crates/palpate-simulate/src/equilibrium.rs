@@ -1,5 +1,7 @@
 //! Equilibrium: the least of the energy, by Newton's method with what it costs kept small.
 //!
+//! Under a tool `near_field.rs` mostly gets there for less; here all of the body is solved for, come what may.
+//!
 //! Each Newton step is solved by conjugate gradients, preconditioned with a Cholesky factor that is kept as long as it
 //! serves: at first that of the body at rest, which all paths share; when the iterations that it wasted would have
 //! paid for a factorisation, that of the state at hand. A direction in which the energy curves downwards ends the
@@ -9,6 +11,7 @@
 use crate::factor::{Factor, Indefinite, LANES};
 use crate::load::Load;
 use crate::model::{Fixed, Model};
+use crate::near_field::NearField;
 use crate::stiffness::Stiffness;
 use glam::DVec3;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -80,8 +83,13 @@ pub(crate) struct Solver<'m> {
     pub u: Vec<f64>,
     /// ∂(energy + load)/∂u at `u`, N.
     pub gradient: Vec<f64>,
-    stiffness: Stiffness,
+    pub(crate) stiffness: Stiffness,
     body: Assembled,
+    /// What the tool can touch, where it is worth while.
+    pub(crate) near: Option<NearField>,
+    /// The body's share of the gradient, N, and the displacements that it belongs to.
+    pub(crate) body_forces: Vec<f64>,
+    pub(crate) body_forces_at: Vec<f64>,
     own: Option<Factor>,
     /// Iterations spent beyond what a fresh factor would have taken, since the last factorisation.
     wasted: f64,
@@ -113,9 +121,13 @@ pub struct Counts {
     pub factorisations: u32,
     /// Assemblies of the stiffness.
     pub assemblies: u32,
+    /// Of the body's forces alone.
+    pub forces: u32,
+    /// Newton steps of the contact alone, the body being linear.
+    pub contact_steps: u32,
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
@@ -155,6 +167,9 @@ impl<'m> Solver<'m> {
             gradient: vec![0.0; n],
             stiffness: Stiffness::default(),
             body: Assembled::default(),
+            near: None,
+            body_forces: vec![0.0; n],
+            body_forces_at: Vec::new(),
             own: None,
             wasted: 0.0,
             counts: Counts::default(),
@@ -172,7 +187,7 @@ impl<'m> Solver<'m> {
     }
 
     /// Energy, gradient and stiffness of body and load at `u`.
-    fn assemble(&mut self, load: &Load) -> f64 {
+    pub(crate) fn assemble(&mut self, load: &Load) -> f64 {
         self.counts.assemblies += 1;
         if self.body.u == self.u {
             // Only the load is another, which is cheap.
@@ -206,6 +221,15 @@ impl<'m> Solver<'m> {
 
     /// bᵀ K⁻¹ b of the six columns b, with K at hand; none if it is indefinite. The factor's single precision enters squared.
     pub fn condensed(&mut self, load: &Load, columns: &[Vec<f64>; 6]) -> Option<[[f64; 6]; 6]> {
+        if self.prepare_near_field(load) {
+            self.condensed_near(load, columns)
+        } else {
+            self.condensed_whole(load, columns)
+        }
+    }
+
+    /// The same with a factor of all of the body.
+    pub(crate) fn condensed_whole(&mut self, load: &Load, columns: &[Vec<f64>; 6]) -> Option<[[f64; 6]; 6]> {
         self.assemble(load);
         if !self.refactor() {
             return None;
@@ -256,7 +280,7 @@ impl<'m> Solver<'m> {
     }
 
     /// Free part's 2-norm.
-    fn free_norm(&self, v: &[f64]) -> f64 {
+    pub(crate) fn free_norm(&self, v: &[f64]) -> f64 {
         v.iter().zip(&self.held).filter(|(_, held)| !**held).map(|(v, _)| v * v).sum::<f64>().sqrt()
     }
 

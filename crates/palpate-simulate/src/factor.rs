@@ -44,8 +44,14 @@ pub(crate) struct Symbolic {
     columns: Vec<u32>,
     rows: Vec<u32>,
     cholesky: SymbolicCholesky<u32>,
+    /// The matrix's unknown at each place of the factor's order; empty where they are the same.
+    order: Vec<u32>,
+    /// The first place of the nodes that are eliminated last; the number of unknowns where none was asked for.
+    split: usize,
     /// What a factorisation costs, in solves with the factor: fixed by the pattern, not by a clock.
     pub factor_in_solves: f64,
+    /// Entries of a factor.
+    pub entries: f64,
 }
 
 /// L of L Lᵀ.
@@ -59,7 +65,14 @@ pub(crate) struct Factor {
 pub(crate) struct Indefinite;
 
 impl Symbolic {
+    /// In the pattern's own order.
     pub fn new(pattern: &Pattern) -> Self {
+        Self::with_last(pattern, &[])
+    }
+
+    /// In the pattern's order, but for the nodes `last` (ascending), which are eliminated last: the factor's lower right corner is
+    /// then that of what the matrix leaves on them when all others follow (Schur's complement).
+    pub fn with_last(pattern: &Pattern, last: &[u32]) -> Self {
         let n = 3 * pattern.nodes();
         let (mut columns, mut rows) = (vec![0u32], Vec::new());
         for j in 0..pattern.nodes() {
@@ -77,10 +90,18 @@ impl Symbolic {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
             ..Default::default()
         };
-        // The nodes are in their order already. (faer's own `Identity` takes the other triangle.)
-        let order: Vec<u32> = (0..n as u32).collect();
-        let order = SymmetricOrdering::Custom(PermRef::new_checked(&order, &order, n));
-        let cholesky = factorize_symbolic_cholesky(matrix, faer::Side::Lower, order, parameters)
+        let others = (0..pattern.nodes() as u32).filter(|node| last.binary_search(node).is_err());
+        let order: Vec<u32> = others
+            .chain(last.iter().copied())
+            .flat_map(|node| [3 * node, 3 * node + 1, 3 * node + 2])
+            .collect();
+        let mut places = vec![0; n];
+        for (place, &unknown) in order.iter().enumerate() {
+            places[unknown as usize] = place as u32;
+        }
+        // Where nothing is last the nodes are in their order already. (faer's own `Identity` takes the other triangle.)
+        let ordering = SymmetricOrdering::Custom(PermRef::new_checked(&order, &places, n));
+        let cholesky = factorize_symbolic_cholesky(matrix, faer::Side::Lower, ordering, parameters)
             .expect("the pattern fits into memory");
         let SymbolicCholeskyRaw::Supernodal(supernodal) = cholesky.raw() else {
             unreachable!("supernodes were asked for");
@@ -96,7 +117,39 @@ impl Symbolic {
         }
         // A factorisation does about fourteen times as many operations a second as a solve, which waits for memory.
         let factor_in_solves = flops / (4.0 * entries) / 14.0;
-        Symbolic { columns, rows, cholesky, factor_in_solves }
+        let split = n - 3 * last.len();
+        let order = if last.is_empty() { Vec::new() } else { order };
+        Symbolic { columns, rows, cholesky, order, split, factor_in_solves, entries }
+    }
+
+    /// The matrix's unknown at a place of the factor's order.
+    #[inline]
+    pub fn unknown(&self, place: usize) -> usize {
+        self.order.get(place).map_or(place, |&unknown| unknown as usize)
+    }
+
+    /// The place of the first unknown of the nodes that are eliminated last.
+    pub fn split(&self) -> usize {
+        self.split
+    }
+
+    /// Calls `entry` with the row, the column and the value of each entry of the factor in the rows and columns of the nodes that
+    /// are eliminated last, counted from the first of them.
+    pub fn each_last(&self, factor: &Factor, mut entry: impl FnMut(usize, usize, f32)) {
+        let SymbolicCholeskyRaw::Supernodal(symbolic) = self.cholesky.raw() else { return };
+        for s in (0..symbolic.n_supernodes()).rev() {
+            let Supernode { start, width, height, pattern, values } = Supernode::new(symbolic, factor, s);
+            if start + width <= self.split {
+                return;
+            }
+            for (j, column) in values.chunks_exact(height).enumerate().skip(self.split.saturating_sub(start))
+            {
+                for (i, value) in column.iter().enumerate().skip(j) {
+                    let row = if i < width { start + i } else { pattern[i - width] as usize };
+                    entry(row - self.split, start + j - self.split, *value);
+                }
+            }
+        }
     }
 
     /// The factor of `matrix` with the rows and columns of `held` unknowns replaced by the identity's.
@@ -142,16 +195,35 @@ impl Symbolic {
         }
     }
 
-    /// Replaces `x` by (L Lᵀ)⁻¹ x; `scratch` grows as needed.
+    /// Replaces `x`, in the factor's order, by (L Lᵀ)⁻¹ x; `scratch` grows as needed.
     pub fn solve(&self, factor: &Factor, x: &mut [f32], scratch: &mut Vec<f32>) {
-        pulp::Arch::new().dispatch(|| self.substitute(factor, x, scratch));
+        pulp::Arch::new().dispatch(|| {
+            self.forward(factor, x, scratch, usize::MAX);
+            self.backward(factor, x, scratch, usize::MAX);
+        });
     }
 
+    /// The first half of a solve, as far as the nodes that are eliminated last: what is left there of `x` is the load that the
+    /// others hand on to them.
+    pub fn condense(&self, factor: &Factor, x: &mut [f32], scratch: &mut Vec<f32>) {
+        pulp::Arch::new().dispatch(|| self.forward(factor, x, scratch, self.split));
+    }
+
+    /// The second half: `x` comes from [`Symbolic::condense`], with the solution put in at the nodes that are eliminated last.
+    pub fn expand(&self, factor: &Factor, x: &mut [f32], scratch: &mut Vec<f32>) {
+        pulp::Arch::new().dispatch(|| self.backward(factor, x, scratch, self.split));
+    }
+
+    /// L⁻¹ x, by the columns before `end`.
     #[inline(always)]
-    fn substitute(&self, factor: &Factor, x: &mut [f32], scratch: &mut Vec<f32>) {
+    fn forward(&self, factor: &Factor, x: &mut [f32], scratch: &mut Vec<f32>, end: usize) {
         let SymbolicCholeskyRaw::Supernodal(symbolic) = self.cholesky.raw() else { return };
         for s in 0..symbolic.n_supernodes() {
             let Supernode { start, width, height, pattern, values } = Supernode::new(symbolic, factor, s);
+            if start >= end {
+                return;
+            }
+            let values = &values[..height * width.min(end - start)];
             scratch.clear();
             scratch.resize(pattern.len(), 0.0);
             let top = &mut x[start..start + width];
@@ -183,8 +255,18 @@ impl Symbolic {
                 x[row as usize] -= s;
             }
         }
+    }
+
+    /// L⁻ᵀ x, by the columns before `end`.
+    #[inline(always)]
+    fn backward(&self, factor: &Factor, x: &mut [f32], scratch: &mut Vec<f32>, end: usize) {
+        let SymbolicCholeskyRaw::Supernodal(symbolic) = self.cholesky.raw() else { return };
         for s in (0..symbolic.n_supernodes()).rev() {
             let Supernode { start, width, height, pattern, values } = Supernode::new(symbolic, factor, s);
+            if start >= end {
+                continue;
+            }
+            let values = &values[..height * width.min(end - start)];
             scratch.clear();
             scratch.extend(pattern.iter().map(|&row| x[row as usize]));
             let top = &mut x[start..start + width];
@@ -225,7 +307,7 @@ impl<'a> Supernode<'a> {
 pub(crate) const LANES: usize = 8;
 
 impl Symbolic {
-    /// Replaces every lane of `x` by (L Lᵀ)⁻¹ x.
+    /// Replaces every lane of `x`, in the factor's order, by (L Lᵀ)⁻¹ x.
     pub fn solve_several(&self, factor: &Factor, x: &mut [[f32; LANES]]) {
         pulp::Arch::new().dispatch(|| self.substitute_several(factor, x));
     }

@@ -20,6 +20,7 @@ mod load;
 pub mod material;
 pub mod mesh;
 mod model;
+mod near_field;
 pub mod path;
 mod simulate;
 mod stiffness;

@@ -179,6 +179,20 @@ impl Model {
         self.held[first..first + 3].contains(&true)
     }
 
+    /// About what a sticking press with its stuck tangents takes of one core, s: from the elements and the factor's size, fitted to
+    /// presses that were timed. The same on every machine, to plan by; a machine may be twice as fast.
+    pub fn press_estimate_s(&self) -> f64 {
+        /// Of a factor's entry in a substitution; of an element's stiffness and forces; and of its forces alone, s.
+        const EACH: [f64; 3] = [6.7e-10, 1.9e-6, 0.6e-6];
+        /// Substitutions, factorisations and assemblies of a press; and what its dense near field takes, s.
+        const COUNTS: [f64; 4] = [100.0, 10.0, 16.0, 103.0];
+        const NEAR_FIELD: f64 = 0.3;
+        let [solves, factors, assemblies, forces] = COUNTS;
+        let elements = assemblies * EACH[1] + forces * EACH[2];
+        let solves = (solves + factors * self.symbolic.factor_in_solves) * self.symbolic.entries;
+        solves * EACH[0] + elements * self.elements.len() as f64 + NEAR_FIELD
+    }
+
     /// Unknowns, the held ones among them.
     pub fn unknowns(&self) -> usize {
         self.held.len()
@@ -210,6 +224,26 @@ impl Model {
             }
         }
         energy
+    }
+
+    /// ∂energy/∂u of the displacements `u`, N; whether no element is inverted: else it means nothing.
+    pub(crate) fn forces(&self, u: &[f64], gradient: &mut [f64]) -> bool {
+        gradient.fill(0.0);
+        let mut forces = [0.0; 30];
+        let arch = pulp::Arch::new();
+        for (e, element) in self.elements.iter().enumerate() {
+            let local = self.gather(element, u);
+            let tissue = &self.tissues[self.regions[e] as usize];
+            if !arch.dispatch(|| tissue.forces(&self.points[e], &local, &mut forces)) {
+                return false;
+            }
+            for (force, &node) in forces.chunks_exact(3).zip(element) {
+                for (g, f) in gradient[3 * node as usize..].iter_mut().zip(force) {
+                    *g += f;
+                }
+            }
+        }
+        true
     }
 
     /// The same with its gradient (N) and stiffness (N/m), which mean nothing if the energy is infinite.

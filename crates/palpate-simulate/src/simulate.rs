@@ -10,10 +10,13 @@ use crate::tool::{Placement, RigidTool};
 use glam::{DMat3, DQuat, DVec3};
 use palpate_body::curve::between_rows;
 use std::collections::{HashMap, HashSet, VecDeque};
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A load step that fails is halved this often.
 const MAX_CUTS: u32 = 6;
+
+/// As often before it is solved for all of the body at once.
+const NEAR_FIELD_CUTS: u32 = 2;
 
 /// Newton steps and conjugate-gradient iterations for one state: beyond, a load step that fails is the last. Where a law
 /// collapses every step fails, and slowly; states that are found at all took a third of this at most.
@@ -32,14 +35,22 @@ const RELEASE_TOLERANCE: f64 = 1e-4;
 /// Load steps to one state, unless some fail.
 const MAX_PIECES: f64 = 100.0;
 
+/// Rounds of the near field for one load step, and steps of the contact alone.
+const MAX_NEAR_ROUNDS: u32 = 30;
+const MAX_CONTACT_STEPS: u32 = 400;
+
+/// A factor is kept for so many rounds at least.
+const LASTING: u32 = 3;
+
 /// How often a step is solved again for that.
 const MAX_ROUNDS: u32 = 20;
 
 /// Load steps are no longer than this share of the tool's size, with friction that sticks and with Coulomb's: what comes into
 /// contact within a step is caught where it would have touched, to second order in the step. On an organ, under a sphere, steps
-/// half as long change forces by 0.2 and by 0.5 %.
+/// half as long change forces by 0.2 % and by 0.3 %: four times as long, slipping ones were up to 10 % off where a surface slips from under
+/// the tool, and ended on another branch.
 const STICKING_STEP: f64 = 0.12;
-const SLIPPING_STEP: f64 = 0.08;
+const SLIPPING_STEP: f64 = 0.02;
 
 /// A path that turns by more begins anew: the states before say nothing about what follows.
 const STRAIGHT: f64 = 0.9;
@@ -336,6 +347,18 @@ impl FreePose {
     }
 }
 
+/// How a load step is tried: by the near field, then by all of the body.
+#[derive(Debug, Clone, Copy)]
+enum Attempt {
+    NearField,
+    Extrapolated,
+    FromTheLast,
+}
+
+impl Attempt {
+    const ALL: [Attempt; 3] = [Attempt::NearField, Attempt::Extrapolated, Attempt::FromTheLast];
+}
+
 /// A turn by one radian counts as a way of so many m.
 const TURN: f64 = 1e-2;
 
@@ -500,7 +523,8 @@ impl<'m, 't> LoadStepper<'m, 't> {
         let before = self.solver.counts;
         while done < 1.0 {
             let next = if done + step > 1.0 - 1e-9 { 1.0 } else { done + step };
-            match self.advance(from.towards(&target.pose, next), cancelled) {
+            let whole = step < 1.5 * longest / f64::from(1u32 << NEAR_FIELD_CUTS);
+            match self.advance(from.towards(&target.pose, next), whole, cancelled) {
                 Ok(()) => {
                     done = next;
                     step = (2.0 * step).min(longest).min(1.0 - done).max(f64::EPSILON);
@@ -521,8 +545,9 @@ impl<'m, 't> LoadStepper<'m, 't> {
         Ok(self.state(target, self.solver.counts.newton - before.newton))
     }
 
-    /// One load step; on failure all is as before.
-    fn advance(&mut self, to: FreePose, cancelled: &AtomicBool) -> Result<(), Failure> {
+    /// One load step; on failure all is as before. Unless the `whole` body may be solved for, the near field has to do where there is
+    /// one.
+    fn advance(&mut self, to: FreePose, whole: bool, cancelled: &AtomicBool) -> Result<(), Failure> {
         let old = self.snapshot();
         let move_by = to.offset - self.at.offset;
         let way = self.at.way_to(&to);
@@ -532,18 +557,33 @@ impl<'m, 't> LoadStepper<'m, 't> {
         }
         let travelled = self.travelled + way;
         let mut result = Err(Failure::Stuck);
-        let tries = if self.trail.len() > 1 { 2 } else { 1 };
-        for attempt in 0..tries {
-            // The extrapolation may lead astray: then once more from the last equilibrium.
-            if attempt == 0 {
-                self.predict(travelled, move_by);
-            } else {
-                self.go_back(&old);
-                self.solver.predict_motion(&self.load, move_by);
+        for attempt in Attempt::ALL {
+            let guessed = match attempt {
+                Attempt::NearField => self.predict(travelled, move_by, true),
+                Attempt::Extrapolated => self.predict(travelled, move_by, false),
+                // The extrapolation may lead astray: then once more from the last equilibrium.
+                Attempt::FromTheLast if self.trail.len() > 1 => {
+                    self.solver.predict_motion(&self.load, move_by);
+                    true
+                }
+                Attempt::FromTheLast => false,
+            };
+            if !guessed {
+                continue;
             }
             self.place(to);
-            result = self.settle(&old, cancelled);
+            let near_field = matches!(attempt, Attempt::NearField);
+            if !near_field {
+                result = self.settle(&old, cancelled);
+            } else if self.solver.prepare_near_field(&self.load) {
+                result = self.settle_near(&old, cancelled);
+            }
             if matches!(result, Ok(()) | Err(Failure::Cancelled)) {
+                break;
+            }
+            self.go_back(&old);
+            // Shorter steps by the near field cost less than one by all of the body.
+            if near_field && !whole && self.solver.near.is_some() {
                 break;
             }
         }
@@ -590,6 +630,68 @@ impl<'m, 't> LoadStepper<'m, 't> {
         Err(Failure::Slow)
     }
 
+    /// The same by way of the near field, for much less; where that fails nothing is known.
+    fn settle_near(&mut self, old: &Snapshot, cancelled: &AtomicBool) -> Result<(), Failure> {
+        let friction = self.friction;
+        let before = self.start.moved(old.at.offset, old.at.rotation);
+        let last_state = Some((&before, &old.u[..]));
+        if let (Load::Tool(contact), true) = (&mut self.load, friction != Friction::None) {
+            let guess = if friction == Friction::Sticking { friction } else { Friction::None };
+            contact.catch(self.solver.model, &self.solver.u, last_state, guess);
+        }
+        let (mut last, mut since_factor) = (f64::INFINITY, LASTING);
+        let before_steps = self.solver.counts.contact_steps;
+        for _ in 0..MAX_NEAR_ROUNDS {
+            if cancelled.load(Ordering::Relaxed) {
+                return Err(Failure::Cancelled);
+            }
+            if self.solver.counts.contact_steps - before_steps > MAX_CONTACT_STEPS {
+                return Err(Failure::Slow);
+            }
+            // The body may have come nearer elsewhere.
+            if !self.solver.prepare_near_field(&self.load) {
+                return Err(Failure::Slow);
+            }
+            let (mut share, reaction) = self.solver.imbalance(&self.load)?;
+            if share <= TOOL_TOLERANCE {
+                // Only now does anything let go, as in `settle`.
+                let changed =
+                    if friction == Friction::None { 0.0 } else { self.regrip(&before, &old.u, true) };
+                if changed <= SETTLED {
+                    // Rounds with a positive definite matrix settle at a minimum only.
+                    self.solver.indefinite = false;
+                    return Ok(());
+                }
+                share = share.max(changed);
+            } else if since_factor >= LASTING && self.solver.near_field_is_old(share, last, TOOL_TOLERANCE) {
+                if !self.solver.refactor_near_field(&self.load) {
+                    return Err(Failure::Slow);
+                }
+                since_factor = 0;
+            }
+            since_factor += 1;
+            last = share;
+            let LoadStepper { solver, load: Load::Tool(contact), .. } = self else {
+                return Err(Failure::Slow);
+            };
+            let model = solver.model;
+            let tolerance = reaction * (0.1 * share).clamp(0.2 * TOOL_TOLERANCE, FIRST_TOLERANCE);
+            let mut regrips = 0;
+            solver.near_field_round(contact, tolerance, |contact, u| {
+                regrips += 1;
+                let mut changed = match friction {
+                    Friction::Coulomb(_) => contact.limit(model, u, friction),
+                    _ => 0.0,
+                };
+                if friction != Friction::None && share <= FIRST_TOLERANCE {
+                    changed += contact.catch(model, u, last_state, friction);
+                }
+                changed <= reaction * (0.3 * share).max(0.3 * SETTLED) || regrips >= MAX_ROUNDS
+            })?;
+        }
+        Err(Failure::Slow)
+    }
+
     /// Catches, lets go and limits as the state at hand asks for; the change of forces along the tool, in parts of its force.
     fn regrip(&mut self, before: &Placement, u_before: &[f64], release: bool) -> f64 {
         let (model, u, friction) = (self.solver.model, &self.solver.u, self.friction);
@@ -622,11 +724,18 @@ impl<'m, 't> LoadStepper<'m, 't> {
         Some(tangent)
     }
 
-    /// A first guess: the polynomial through the last equilibria, continued.
-    fn predict(&mut self, travelled: f64, move_by: DVec3) {
+    /// A first guess: the polynomial through the last equilibria, continued. `false` if there is none by way of the near field.
+    fn predict(&mut self, travelled: f64, move_by: DVec3, near: bool) -> bool {
+        let contact = match &self.load {
+            Load::Tool(contact) if near => Some(contact),
+            _ if near => return false,
+            _ => None,
+        };
         if self.trail.len() < 2 {
-            self.solver.predict_motion(&self.load, move_by);
-            return;
+            if !contact.is_some_and(|contact| self.solver.predict_near_field(contact, move_by)) {
+                self.solver.predict_motion(&self.load, move_by);
+            }
+            return true;
         }
         let weights = lagrange(self.trail.iter().map(|(t, _)| *t), travelled);
         self.solver.u.fill(0.0);
@@ -646,6 +755,7 @@ impl<'m, 't> LoadStepper<'m, 't> {
             self.solver.u.copy_from_slice(&self.trail[0].1);
             self.solver.predict_motion(&self.load, move_by);
         }
+        true
     }
 
     fn state(&self, target: &Target, iterations: u32) -> State {

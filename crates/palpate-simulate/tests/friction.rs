@@ -95,19 +95,22 @@ fn the_stuck_tangent_is_the_forces_derivative() {
     println!("by x {lateral} against {:?}, by z {pressing} against {:?}", tangent[0], tangent[2]);
     let size = tangent[2][2];
     for i in 0..3 {
-        assert!((lateral[i] - tangent[0][i]).abs() < 2e-3 * size, "{lateral} against {:?}", tangent[0]);
+        assert!((lateral[i] - tangent[0][i]).abs() < 1e-6 * size, "{lateral} against {:?}", tangent[0]);
         // New contact is born without traction: the press's slope is the frozen contact's.
-        assert!((pressing[i] - tangent[2][i]).abs() < 1e-2 * size, "{pressing} against {:?}", tangent[2]);
+        assert!((pressing[i] - tangent[2][i]).abs() < 1e-3 * size, "{pressing} against {:?}", tangent[2]);
     }
+    let mut asymmetry = 0.0f64;
     for i in 0..6 {
         for j in 0..i {
             let mean = (tangent[i][i] * tangent[j][j]).sqrt();
-            assert!((tangent[i][j] - tangent[j][i]).abs() < 1e-6 * mean, "({i}, {j}) of {tangent:?}");
+            asymmetry = asymmetry.max((tangent[i][j] - tangent[j][i]).abs() / mean);
         }
     }
+    println!("asymmetry {asymmetry:.1e}");
+    assert!(asymmetry < 1e-10, "{asymmetry} of {tangent:?}");
 }
 
-/// f_t/(μ f_n) = 1 − (1 − k_t δ/(1.5 μ f_n))^1.5 up to 1.5 μ f_n/k_t, from where all slips: within 1 % of the limit, on elements
+/// f_t/(μ f_n) = 1 − (1 − k_t δ/(1.5 μ f_n))^1.5 up to 1.5 μ f_n/k_t, from where all slips: within 0.7 % of the limit, on elements
 /// half as long as the contact's radius.
 #[test]
 fn partial_slip_is_cattaneo_mindlins() {
@@ -131,7 +134,7 @@ fn partial_slip_is_cattaneo_mindlins() {
             state.distance_m / slides,
             state.slipping
         );
-        assert!((found - expected).abs() < 0.01, "{found} against {expected}");
+        assert!((found - expected).abs() < 0.007, "{found} against {expected}");
         // Slip grows from the rim inwards; the cone is never left.
         assert!(state.force_n.x <= FRICTION * state.pressed_n * (1.0 + 1e-3));
     }
@@ -156,7 +159,7 @@ fn a_sliding_loop_dissipates() {
         .sum();
     let largest = lateral.iter().fold(0.0f64, |m, f| m.max(f.abs()));
     println!("{lateral:?} N, work {work:.3e} J");
-    assert!((lateral[1] - lateral[9]).abs() < 0.01 * largest, "the loop does not close: {lateral:?}");
+    assert!((lateral[1] - lateral[9]).abs() < 5e-3 * largest, "the loop does not close: {lateral:?}");
     assert!(work > largest * 0.2 * DEPTH_M, "{work} J");
 }
 
@@ -169,5 +172,5 @@ fn contact_is_lost_and_found() {
     let forces: Vec<f64> = path.states.iter().map(|s| -s.force_n.z).collect();
     println!("{forces:?}");
     assert!(forces[0] == 0.0 && forces[2] == 0.0 && path.states[2].patch_m2 == 0.0);
-    assert!(forces[1] > 0.0 && (forces[3] / forces[1] - 1.0).abs() < 1e-3);
+    assert!(forces[1] > 0.0 && (forces[3] / forces[1] - 1.0).abs() < 1e-6);
 }

@@ -7,9 +7,8 @@ use palpate_body::shape::Shape;
 use palpate_simulate::mesh::shape::fill;
 use palpate_simulate::mesh::stuffing::{Ball, FillOptions};
 use palpate_simulate::{Contact, Fixed, Material, Model, PointPlan, RigidTool, TetMesh};
-use std::f64::consts::FRAC_PI_2;
 use std::sync::atomic::AtomicBool;
-use support::{hold, moved};
+use support::{hold, moved, quarter_disc};
 
 const YOUNG_PA: f64 = 1e4;
 
@@ -52,11 +51,11 @@ fn hertz(radius_m: f64, poisson: f64, depth_m: f64) -> f64 {
 fn sphere_on_a_half_space() {
     let (radius, depth): (f64, f64) = (0.1, 1e-4);
     let contact = (radius * depth).sqrt();
-    for poisson in [0.3, 0.49] {
+    for (poisson, most) in [(0.3, 8e-3), (0.49, 3e-3)] {
         let found = sphere(radius, contact, contact / 4.0, poisson, &[0.5 * depth, depth])[1];
         let error = found / hertz(radius, poisson, depth) - 1.0;
         println!("ν = {poisson}: {found:.5e} N, {:+.2} %", 100.0 * error);
-        assert!(error.abs() < 0.01, "ν = {poisson}: {found} N is off by {error}");
+        assert!(error.abs() < most, "ν = {poisson}: {found} N is off by {error}");
     }
 }
 
@@ -75,7 +74,7 @@ fn sphere_deeper() {
                 "ν = {poisson}: {found:.5e} N, reference {expected:.5e}, {:+.2} %",
                 100.0 * (found / expected - 1.0)
             );
-            assert!((found / expected - 1.0).abs() < 0.01);
+            assert!((found / expected - 1.0).abs() < 6e-3);
         }
     }
 }
@@ -93,53 +92,6 @@ fn table_of_sphere() {
             println!("| {poisson} | {per_radius} | {:+.2} % |", 100.0 * error);
         }
     }
-}
-
-/// A quarter of a disc with a layer under it: rings at the radii `rings` (m, ascending from the centre), planes at the
-/// depths `planes` (m, ascending from the surface z = 0).
-fn layer(rings: &[f64], planes: &[f64]) -> TetMesh {
-    let (n, m) = (rings.len() - 1, planes.len() - 1);
-    let index = |[i, j, k]: [usize; 3]| ((i * (n + 1) + j) * (m + 1) + k) as u32;
-    let mut tetrahedra = Vec::new();
-    let mut positions = Vec::new();
-    let between = |knots: &[f64], t: f64| {
-        let i = (t.floor() as usize).min(knots.len() - 2);
-        knots[i] + (t - i as f64) * (knots[i + 1] - knots[i])
-    };
-    for i in 0..=n {
-        for j in 0..=n {
-            for k in 0..=m {
-                positions.push(DVec3::new(i as f64, j as f64, k as f64));
-                if i < n && j < n && k < m {
-                    for [a, b] in [[0, 1], [1, 2], [2, 0], [1, 0], [2, 1], [0, 2]] {
-                        let mut at = [i, j, k];
-                        at[a] += 1;
-                        let second = index(at);
-                        at[b] += 1;
-                        tetrahedra.push([index([i, j, k]), second, index(at), index([i + 1, j + 1, k + 1])]);
-                    }
-                }
-            }
-        }
-    }
-    let mut mesh = TetMesh::from_corners(positions, &tetrahedra);
-    for p in &mut mesh.positions {
-        // Squares become rings; the surface is up.
-        let (large, small) = (p.x.max(p.y), p.x.min(p.y));
-        let angle = if large > 0.0 { 0.5 * FRAC_PI_2 * small / large } else { 0.0 };
-        let angle = if p.y > p.x { FRAC_PI_2 - angle } else { angle };
-        let r = between(rings, large);
-        *p = DVec3::new(r * angle.cos(), r * angle.sin(), -between(planes, p.z));
-    }
-    // The map may turn all tetrahedra over.
-    for element in &mut mesh.elements {
-        let p = element.map(|n| mesh.positions[n as usize]);
-        if (p[1] - p[0]).cross(p[2] - p[0]).dot(p[3] - p[0]) < 0.0 {
-            let [a, b, c, d, ab, bc, ca, ad, bd, cd] = *element;
-            *element = [a, b, d, c, ab, bd, ad, ca, bc, cd];
-        }
-    }
-    mesh
 }
 
 /// A punch's radius a, and how deep it is pressed, m.
@@ -179,7 +131,7 @@ fn quarter(per_height: f64, finest: f64) -> (TetMesh, Vec<Fixed>) {
         step = (1.6 * step).min(0.3 * height);
     }
     planes.push(height);
-    let mesh = layer(&rings, &planes);
+    let mesh = quarter_disc(&rings, &planes);
     let fixed = hold(&mesh, |p| {
         let bottom = p.z < -height * (1.0 - 1e-9);
         [bottom || p.x.abs() < 1e-12, bottom || p.y.abs() < 1e-12, bottom]
@@ -221,11 +173,21 @@ fn hayes_by_tool(per_height: f64, poisson: f64, finest: f64, [radius, edge]: [f6
     kappa(-paths.press.states[1].force_n.z, poisson)
 }
 
+/// κ from an integral equation, confirmed with FElupe and CalculiX to 0.1 %; elements of a/25 at the rim.
+#[test]
+fn flat_punch_on_a_layer() {
+    for (per_height, poisson, expected) in [(0.5, 0.3, 1.62403), (1.0, 0.49, 3.48398)] {
+        let error = hayes(per_height, poisson, 0.04) / expected - 1.0;
+        println!("a/h = {per_height}, ν = {poisson}: {:+.2} %", 100.0 * error);
+        assert!(error.abs() < 0.011, "a/h = {per_height}, ν = {poisson}: κ is off by {error}");
+    }
+}
+
 /// The tool itself. It touches with its flat part and a little of the rounded rim: by its outer radius it is too soft.
 #[test]
 fn flat_punch_as_a_tool() {
     let (per_height, poisson, expected) = (1.0, 0.45, 3.09141);
-    for (size, least, most) in [([1.0, 0.02], -0.05, 0.0), ([1.02, 0.02], -0.02, 0.03)] {
+    for (size, least, most) in [([1.0, 0.02], -0.032, -0.026), ([1.02, 0.02], 0.0, 0.006)] {
         let found = hayes_by_tool(per_height, poisson, 0.04, size);
         let error = found / expected - 1.0;
         println!("radius, edge {size:?} a: {found:.4}, {:+.2} %", 100.0 * error);

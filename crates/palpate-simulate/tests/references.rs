@@ -98,13 +98,13 @@ impl Cylinder {
 fn coarse_mesh() {
     let cylinder = Cylinder::coarse();
     let linear = Material::Linear { mu_pa: MU, lambda_pa: LAMBDA };
-    cylinder.check(&linear, &[(2.0, 0.32002012)], 1e-5);
+    cylinder.check(&linear, &[(2.0, 0.32002012)], 2e-8);
     let saint_venant = Material::StVenantKirchhoff { mu_pa: MU, lambda_pa: LAMBDA };
-    cylinder.check(&saint_venant, &[(1.0, 0.15074599), (2.0, 0.27891411)], 1e-4);
+    cylinder.check(&saint_venant, &[(1.0, 0.15074599), (2.0, 0.27891411)], 5e-7);
     let logarithmic = [(2.0, 0.31704525), (4.0, 0.62685055), (6.0, 0.9297137), (8.0, 1.2254425)];
-    cylinder.check(&LOGARITHMIC, &logarithmic, 1e-4);
+    cylinder.check(&LOGARITHMIC, &logarithmic, 5e-7);
     let isochoric = [(2.0, 0.31789258), (4.0, 0.62987461), (6.0, 0.93549444), (8.0, 1.2343052)];
-    cylinder.check(&ISOCHORIC, &isochoric, 1e-4);
+    cylinder.check(&ISOCHORIC, &isochoric, 5e-7);
 }
 
 #[test]
@@ -114,9 +114,9 @@ fn fine_mesh() {
         println!("skipped: the mesh of 53,010 unknowns is not here");
         return;
     };
-    cylinder.check(&LOGARITHMIC, &[(2.0, 0.31311241), (4.0, 0.61790498), (6.0, 0.91482611)], 1e-5);
+    cylinder.check(&LOGARITHMIC, &[(2.0, 0.31311241), (4.0, 0.61790498), (6.0, 0.91482611)], 5e-7);
     let isochoric = [(1.0, 0.1577715), (2.0, 0.31394907), (3.0, 0.46827933), (4.0, 0.62075831)];
-    cylinder.check(&ISOCHORIC, &isochoric, 1e-5);
+    cylinder.check(&ISOCHORIC, &isochoric, 5e-7);
 }
 
 /// From 5 mm deep along the axis. Reference: FElupe.
@@ -133,7 +133,7 @@ fn drag_along_the_axis() {
         let found = [2.0 * force.z, -2.0 * force.y];
         println!("{i}: {found:?}, reference {expected:?}");
         for (found, expected) in found.iter().zip(expected) {
-            assert!((found - expected).abs() < 2e-3 * expected.max(0.02), "{found} N, not {expected}");
+            assert!((found - expected).abs() < 2e-6 * expected.max(0.02), "{found} N, not {expected}");
         }
     }
 }
@@ -153,8 +153,10 @@ fn to_twenty_millimetres() {
     println!("{:?}", path.stopped);
     assert_eq!(path.stopped, None);
     assert!(start.elapsed().as_secs() < 300);
-    let force = -4.0 * path.states[19].force_n.y;
-    assert!((force / 2.7306 - 1.0).abs() < 0.1, "{force} N");
+    for (depth, expected, most) in [(18, 2.5508, 1e-4), (20, 2.7306, 2e-3)] {
+        let force = -4.0 * path.states[depth - 1].force_n.y;
+        assert!((force / expected - 1.0).abs() < most, "{depth} mm: {force} N, FElupe {expected} N");
+    }
 }
 
 /// St. Venant–Kirchhoff's law collapses between 2 and 4 mm: the path ends, says where, and soon.

@@ -5,7 +5,8 @@ use super::run::{Prepared, Rounds};
 use super::{assemble, volume};
 use crate::paths_file::{PathsPlan, Point, Scene, TestPoint};
 use crate::spec::{
-    Fixed, Geometry, Material, MaterialLaw, Place, Selection, Simulation, Spec, TestPoints, ToolShape, Volume,
+    COUNT, Fixed, Geometry, Material, MaterialLaw, Place, Selection, Simulation, Spec, TestPoints, ToolShape,
+    Volume,
 };
 use anyhow::{Result, anyhow, bail};
 use glam::{DMat3, DVec3};
@@ -166,8 +167,15 @@ pub fn prepare(
     let compliance_prior = compliance_prior(&surface, &compliance);
     go_on("the search for the stiffness at rest")?;
     let open = touchable(&surface, &held, margin(simulation)?)?;
-    let nodes = choose(simulation, &surface, &held, &open, &compliance_prior, path, &mut notes)?;
-    let dragged = spread_among(&surface, &open, &nodes, simulation.drag_points, Some(&compliance_prior))?;
+    let (points, drags) = match &simulation.test_points {
+        TestPoints::Affordable => {
+            let [count, drags] = affordable(solver.model().press_estimate_s(), simulation.drag_points);
+            (TestPoints::Count(count as u32), drags)
+        }
+        points => (points.clone(), simulation.drag_points),
+    };
+    let nodes = choose(&points, &surface, &held, &open, &compliance_prior, path, &mut notes)?;
+    let dragged = spread_among(&surface, &open, &nodes, drags, Some(&compliance_prior))?;
     let points = nodes.into_iter().map(|node| TestPoint {
         node,
         plan: point_plan(
@@ -552,9 +560,23 @@ fn one_for_each_vertex(surface: &Surface, touchable: &[bool]) -> Vec<u32> {
     nodes
 }
 
+/// How many test points half an hour on two cores is about enough for, and how many of these are dragged, if a press takes so long (s):
+/// a third of the time goes to drags, at `most` of them. Not fewer points than a decoupled law has.
+fn affordable(press_s: f64, most: usize) -> [usize; 2] {
+    const CORE_S: f64 = 3600.0;
+    /// What the drags from a pressed point take, in presses.
+    const DRAGS: f64 = 9.0;
+    /// Terms of third and fourth order want to be known at a few.
+    const LEAST: f64 = 8.0;
+    let presses = CORE_S / press_s;
+    // A float beyond all integers becomes the largest one.
+    let dragged = most.min((presses / (3.0 * DRAGS)).max(LEAST) as usize);
+    [(presses - DRAGS * dragged as f64).clamp(f64::from(COUNT), 1e6) as usize, dragged]
+}
+
 /// The test points' nodes, ascending; or in the spec's order, where it names them.
 fn choose(
-    simulation: &Simulation,
+    points: &TestPoints,
     surface: &Surface,
     held: &[bool],
     touchable: &[bool],
@@ -563,9 +585,9 @@ fn choose(
     notes: &mut Vec<String>,
 ) -> Result<Vec<u32>> {
     let free = one_for_each_vertex(surface, touchable);
-    let amount = match &simulation.test_points {
+    let amount = match points {
         TestPoints::Count(_) | TestPoints::Adaptive { .. } => {
-            let count = match simulation.test_points {
+            let count = match *points {
                 TestPoints::Adaptive { most, .. } => assemble::first_round(most),
                 TestPoints::Count(count) => count as usize,
                 _ => 0,
@@ -575,7 +597,8 @@ fn choose(
             }
             Amount::Count(count.min(free.len().max(1)))
         }
-        TestPoints::EveryNode => Amount::Count(free.len().max(1)),
+        // What is affordable is a count by now.
+        TestPoints::EveryNode | TestPoints::Affordable => Amount::Count(free.len().max(1)),
         TestPoints::Spacing(spacing) => Amount::Spacing(*spacing),
         TestPoints::At(points) => return named_points(points, surface, held, path, notes),
     };

@@ -122,6 +122,8 @@ impl Place {
 /// Where a body is touched.
 #[derive(Debug, Clone, PartialEq)]
 pub enum TestPoints {
+    /// As many as about half an hour on two cores has time for.
+    Affordable,
     /// So many, spread evenly.
     Count(u32),
     /// About so far from each other, m.
@@ -216,8 +218,8 @@ struct RawMesh {
     interior_size_mm: Option<Spanned<f64>>,
 }
 
-/// Test points when the spec does not say.
-const COUNT: u32 = 60;
+/// Test points of a decoupled law when the spec does not say, and of a coupled one at least.
+pub const COUNT: u32 = 60;
 /// More would take weeks.
 const MAX_COUNT: u32 = 100_000;
 /// Test points that are dragged, when the spec does not say: terms of third and fourth order vary little, and are carried over.
@@ -317,7 +319,7 @@ impl Spec {
         let law = law(&source, raw.fit.as_ref().and_then(|f| f.get_ref().law.as_ref()), contact)?;
         let (depths_m, drag_from) = depths(&source, deflection_table.get_ref(), deflection, law)?;
         let points = raw.test_points.as_ref();
-        let test_points = points.map_or(Ok(TestPoints::Count(COUNT)), |t| test_points(&source, t, law))?;
+        let test_points = points.map_or_else(|| Ok(by_default(law)), |t| test_points(&source, t, law))?;
         Ok(Simulation {
             material: base(&source, material_table)?,
             regions: regions(&source, material_table.get_ref())?,
@@ -576,6 +578,15 @@ fn number(source: &Source, given: &Spanned<i64>, key: &str) -> Result<u32> {
     }
 }
 
+/// A press with its stuck tangents is quick, and what is left of the error lies between test points; for a decoupled law each is dragged,
+/// which is not.
+fn by_default(law: Law) -> TestPoints {
+    match law {
+        Law::Coupled => TestPoints::Affordable,
+        Law::Decoupled => TestPoints::Count(COUNT),
+    }
+}
+
 fn test_points(source: &Source, raw: &Spanned<RawTestPoints>, law: Law) -> Result<TestPoints> {
     let t = raw.get_ref();
     let count = t.count.as_ref().map(|count| number(source, count, "count")).transpose()?;
@@ -611,6 +622,9 @@ fn test_points(source: &Source, raw: &Spanned<RawTestPoints>, law: Law) -> Resul
     }
     if t.every_node.as_ref().is_some_and(|every| *every.get_ref()) {
         given.push(TestPoints::EveryNode);
+    }
+    if given.is_empty() && t.drags.is_some() {
+        given.push(by_default(law));
     }
     one_of(source, raw.span(), "[test_points]", "count, spacing_mm, at_mm, every_node", given)
 }

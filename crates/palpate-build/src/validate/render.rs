@@ -6,6 +6,7 @@ use crate::precompute::assemble::point_record;
 use anyhow::Result;
 use glam::{DQuat, DVec3};
 use palpate_body::curve::between_rows;
+use palpate_body::law::{AtDepth, Reach, coupled};
 use palpate_body::{
     Body, BodyParts, CoupledLaw, Curve, Extension, Interpolation, Potential, Response, SlipRule, SurfacePoint,
 };
@@ -41,8 +42,18 @@ impl Variant {
     }
 
     /// The forces on the body, N, with the tool at these offsets (m) from `start`, which is where it touches
-    /// first; and û at each contact point.
-    pub fn forces(&self, start: DVec3, inward: DVec3, offsets: &[DVec3]) -> (Vec<DVec3>, Vec<DVec3>) {
+    /// first; and û at each contact point. Of a coupled body a contact point can be `held`.
+    pub fn forces(
+        &self,
+        start: DVec3,
+        inward: DVec3,
+        offsets: &[DVec3],
+        held: Option<SurfacePoint>,
+    ) -> (Vec<DVec3>, Vec<DVec3>) {
+        if let Some(at) = held.filter(|_| self.body.coupled_law().is_some()) {
+            let forces = offsets.iter().map(|&offset| held_force(&self.body, at, start + offset));
+            return (forces.collect(), vec![inward; offsets.len()]);
+        }
         /// Between two steps of the engine, m: a hand at 20 mm/s and 1 kHz.
         const STRIDE: f64 = 20e-6;
         // Before the first touch, and so outside, whatever the first offset is.
@@ -81,8 +92,7 @@ impl Variant {
 /// All that every path of a trial is rendered by; the body itself first.
 pub fn variants(body: &Body, trial: &Trial) -> Result<Vec<Variant>> {
     let own = Arc::new(match trial.history {
-        History::FrictionlessPress => sticking(body, Some(trial.normal_max_m))?,
-        History::Stick => sticking(body, None)?,
+        History::FrictionlessPress | History::Stick => sticking(body, trial.normal_max_m)?,
         History::Coulomb | History::Frictionless => body.clone(),
     });
     let as_it_is = Variant::new(Source::Body, own.clone());
@@ -152,10 +162,7 @@ pub fn own_potential(
     let coupled = Some(law);
     let (responses, lateral_tensors) = (Vec::new(), None);
     let own = BodyParts { coupled, responses, lateral_tensors, blends, test_point_nodes, ..parts };
-    let mut own = Body::new(own).ok()?;
-    if trial.history == History::Stick {
-        own = sticking(&own, None).ok()?;
-    }
+    let own = Body::new(own).ok()?;
     Some(Variant { source: Source::OwnPotential, body: Arc::new(own), ..variants.first()?.clone() })
 }
 
@@ -216,23 +223,50 @@ fn constant(like: &Curve, value: f64) -> palpate_body::Result<Curve> {
     Curve::through(like.knots(), &vec![value; like.knots().len()], Interpolation::Linear, Extension::Constant)
 }
 
-/// The body with more friction than can be overcome, from first touch on. With a greatest depth (m): without
-/// friction down to a hundredth of it, where the contact settles, and with endless friction from two
-/// hundredths on.
+/// A coupled body's law at a contact point that is held, with the tool at `tool` (m): the force on the body, N.
+///
+/// A ball first touches where a facet is nearest, up to half a millimetre beside the place whose frame points to it. Held there it would
+/// lean from the start, which friction does not let it; here it is held where it was aimed at.
+pub fn held_force(body: &Body, at: SurfacePoint, tool: DVec3) -> DVec3 {
+    let Some(law) = body.coupled_law() else { return DVec3::ZERO };
+    let (u, offset) = (body.inward(at), tool - body.point(at));
+    let depth = offset.dot(u) + body.tool().radius_m();
+    if depth <= 0.0 {
+        return DVec3::ZERO;
+    }
+    let lateral = offset.reject_from_normalized(u);
+    let reach = Reach::new(lateral.length_squared(), law.range_m);
+    let mut force = DVec3::ZERO;
+    for (node, n) in body.element_nodes(at.element).into_iter().zip(at.n) {
+        for (weight, t) in node.weights.into_iter().zip(node.test_points).filter(|(w, _)| *w > 0.0) {
+            let potential = &law.potentials[t as usize];
+            let [t1, t2] = potential.tangents;
+            let curves = potential.curves();
+            let at = AtDepth { value: curves.map(|c| c.value(depth)), slope: curves.map(|c| c.slope(depth)) };
+            let f = coupled(&at, [t1.dot(lateral), t2.dot(lateral)], &reach);
+            let p = t1 * f.lateral[0] + t2 * f.lateral[1] + lateral * f.radial;
+            force += (u * f.normal + p.reject_from_normalized(u)) * (weight * n);
+        }
+    }
+    force
+}
+
+/// The body without friction down to a hundredth of the greatest depth (m), where the contact settles, and with more friction than can be
+/// overcome from two hundredths on.
 ///
 /// # Errors
 /// The responses can't be brought onto the further knots.
-pub fn sticking(body: &Body, settling: Option<f64>) -> Result<Body> {
+pub fn sticking(body: &Body, normal_max_m: f64) -> Result<Body> {
     /// Shares of the greatest depth between which friction comes.
     const ONSET: [f64; 2] = [0.01, 0.02];
-    let onset = settling.map(|normal_max_m| ONSET.map(|share| share * normal_max_m));
+    let onset = ONSET.map(|share| share * normal_max_m);
     // Knots with the onset's, unless there is one at that depth already, and friction on them.
     let friction = |like: &Curve| -> Result<Curve> {
         let mut knots = like.knots().to_vec();
         let new = |o: &f64| like.knots().iter().all(|k| (k - o).abs() > 1e-7);
-        knots.extend(onset.iter().flatten().copied().filter(new));
+        knots.extend(onset.iter().copied().filter(new));
         knots.sort_by(f64::total_cmp);
-        let endless = |k: &f64| onset.is_none_or(|[begin, _]| *k > begin + 1e-7);
+        let endless = |k: &f64| *k > onset[0] + 1e-7;
         let values: Vec<f64> = knots.iter().map(|k| if endless(k) { ENDLESS } else { 0.0 }).collect();
         Ok(Curve::through(&knots, &values, Interpolation::Linear, Extension::Constant)?)
     };

@@ -252,12 +252,23 @@ pub struct Solves {
     pub factorisations: u32,
     /// Assemblies of forces and stiffness.
     pub assemblies: u32,
+    /// Of the body's forces alone.
+    pub forces: u32,
+    /// Newton steps of the contact alone, on the near field.
+    pub contact: u32,
 }
 
 impl From<Counts> for Solves {
     fn from(counts: Counts) -> Self {
-        let Counts { newton, cg_iterations: conjugate, factorisations, assemblies } = counts;
-        Solves { newton, conjugate, factorisations, assemblies }
+        let Counts {
+            newton,
+            cg_iterations: conjugate,
+            factorisations,
+            assemblies,
+            forces,
+            contact_steps: contact,
+        } = counts;
+        Solves { newton, conjugate, factorisations, assemblies, forces, contact }
     }
 }
 

@@ -63,6 +63,14 @@ fn forces_and_stiffness_are_derivatives() {
             let what = format!("{:?}", tissue.material);
             assert!((found.energy - tissue.energy(&points, &u)).abs() <= 1e-13 * found.energy, "{what}");
             let scale = found.stiffness.iter().flatten().fold(0.0, |m: f64, k| m.max(k.abs()));
+            let mut alone = [0.0; 30];
+            assert!(tissue.forces(&points, &u, &mut alone), "{what}");
+            for (alone, force) in alone.iter().zip(&found.force) {
+                assert!(
+                    (alone - force).abs() < 1e-13 * scale,
+                    "{what}: {alone} N alone, {force} N with stiffness"
+                );
+            }
             let step = 1e-5;
             for column in 0..30 {
                 let at = |x: f64| {

@@ -5,6 +5,7 @@
 use glam::DVec3;
 use palpate_simulate::material::Bulk;
 use palpate_simulate::{Fixed, Material, Model, Path, TetMesh};
+use std::f64::consts::FRAC_PI_2;
 use std::sync::atomic::AtomicBool;
 
 /// Numbers of a table with one line of header.
@@ -78,7 +79,6 @@ pub fn shape(at: [f64; 4]) -> ([f64; 10], [[f64; 3]; 10]) {
 
 /// A unit cube of n³ cells, each of six tetrahedra, its inner nodes shaken so that no order is a gift of symmetry.
 pub fn cube(n: usize) -> TetMesh {
-    let index = |i: usize, j: usize, k: usize| ((i * (n + 1) + j) * (n + 1) + k) as u32;
     let mut positions = Vec::new();
     for i in 0..=n {
         for j in 0..=n {
@@ -92,25 +92,71 @@ pub fn cube(n: usize) -> TetMesh {
             }
         }
     }
+    let tetrahedra = kuhn_tetrahedra([n; 3]);
+    TetMesh::from_corners(positions, &tetrahedra)
+}
+
+/// Corners of six tetrahedra for each cell of a grid, around the cell's diagonal from its lowest to its highest corner.
+fn kuhn_tetrahedra(cells: [usize; 3]) -> Vec<[u32; 4]> {
+    let index = |at: [usize; 3]| ((at[0] * (cells[1] + 1) + at[1]) * (cells[2] + 1) + at[2]) as u32;
     let mut tetrahedra = Vec::new();
-    for i in 0..n {
-        for j in 0..n {
-            for k in 0..n {
+    for i in 0..cells[0] {
+        for j in 0..cells[1] {
+            for k in 0..cells[2] {
                 for [a, b] in [[0, 1], [1, 2], [2, 0], [1, 0], [2, 1], [0, 2]] {
                     // From corner to corner along one axis after another.
                     let mut at = [i, j, k];
-                    let mut corners = [index(i, j, k); 4];
+                    let mut corners = [index(at); 4];
                     at[a] += 1;
-                    corners[1] = index(at[0], at[1], at[2]);
+                    corners[1] = index(at);
                     at[b] += 1;
-                    corners[2] = index(at[0], at[1], at[2]);
-                    corners[3] = index(i + 1, j + 1, k + 1);
+                    corners[2] = index(at);
+                    corners[3] = index([i + 1, j + 1, k + 1]);
                     tetrahedra.push(corners);
                 }
             }
         }
     }
-    TetMesh::from_corners(positions, &tetrahedra)
+    tetrahedra
+}
+
+/// A block between planes across x, y and z (m, ascending), six tetrahedra a cell.
+pub fn kuhn_grid(planes: [Vec<f64>; 3]) -> TetMesh {
+    let mut positions = Vec::new();
+    for &x in &planes[0] {
+        for &y in &planes[1] {
+            positions.extend(planes[2].iter().map(|&z| DVec3::new(x, y, z)));
+        }
+    }
+    TetMesh::from_corners(positions, &kuhn_tetrahedra(planes.map(|p| p.len() - 1)))
+}
+
+/// A quarter of a disc with a layer under it: rings at the radii `rings` (m, ascending from the centre), planes at the
+/// depths `planes` (m, ascending from the surface z = 0).
+pub fn quarter_disc(rings: &[f64], planes: &[f64]) -> TetMesh {
+    let between = |knots: &[f64], t: f64| {
+        let i = (t.floor() as usize).min(knots.len() - 2);
+        knots[i] + (t - i as f64) * (knots[i + 1] - knots[i])
+    };
+    let count = |knots: &[f64]| (0..knots.len()).map(|i| i as f64).collect::<Vec<_>>();
+    let mut mesh = kuhn_grid([count(rings), count(rings), count(planes)]);
+    for p in &mut mesh.positions {
+        // Squares become rings; the surface is up.
+        let (large, small) = (p.x.max(p.y), p.x.min(p.y));
+        let angle = if large > 0.0 { 0.5 * FRAC_PI_2 * small / large } else { 0.0 };
+        let angle = if p.y > p.x { FRAC_PI_2 - angle } else { angle };
+        let r = between(rings, large);
+        *p = DVec3::new(r * angle.cos(), r * angle.sin(), -between(planes, p.z));
+    }
+    // The map may turn all tetrahedra over.
+    for element in &mut mesh.elements {
+        let p = element.map(|n| mesh.positions[n as usize]);
+        if (p[1] - p[0]).cross(p[2] - p[0]).dot(p[3] - p[0]) < 0.0 {
+            let [a, b, c, d, ab, bc, ca, ad, bd, cd] = *element;
+            *element = [a, b, d, c, ab, bd, ad, ca, bc, cd];
+        }
+    }
+    mesh
 }
 
 /// The law that a table's `model` column means.
