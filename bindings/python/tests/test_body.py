@@ -132,7 +132,7 @@ half_space = { point_mm = [0, 0, -5], normal = [0, 0, -1] }
 
 [material]
 model = "neo-hookean"
-young_pa = 5000
+young_modulus_pa = 5000
 poisson_ratio = 0.45
 
 [tool]
