@@ -58,6 +58,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ),
     ("palpate-viewer", &["palpate"]),
     ("palpate-c", &["palpate"]),
+    ("palpate-python", &["palpate"]),
 ];
 
 #[test]
