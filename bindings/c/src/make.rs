@@ -250,9 +250,7 @@ mod simulated {
     use super::{palpate_progress, palpate_progress_function};
     use crate::status::{Failure, PALPATE_STATUS_BODY, PALPATE_STATUS_CANCELLED};
     use palpate::build::Progress;
-    use palpate::build::fit::FitInputs;
-    use palpate::build::precompute::{Options, Stopped, assemble, prepare, run};
-    use palpate::build::spec::Spec;
+    use palpate::build::precompute::{Stopped, body_of_spec};
     use palpate::{Body, files};
     use std::ffi::{CString, c_void};
     use std::path::Path;
@@ -308,11 +306,6 @@ mod simulated {
     ) -> Result<Body, Failure> {
         let path = Path::new(path);
         let wrong = |e: anyhow::Error| Failure::new(PALPATE_STATUS_BODY, files::message(&e));
-        let spec = Spec::read(path).map_err(wrong)?;
-        if spec.law.is_some() {
-            let inputs = FitInputs { spec: Some((spec, path.to_path_buf())), ..FitInputs::default() };
-            return Ok(inputs.body().map_err(wrong)?.body);
-        }
         let cancelled = AtomicBool::new(false);
         let progress = palpate_progress {
             struct_size: size_of::<palpate_progress>() as u32,
@@ -322,51 +315,17 @@ mod simulated {
             message: std::ptr::null(),
         };
         let listener = Listener { told, user: Mutex::new((user, progress)), cancelled: &cancelled };
-        simulate(path, &spec, folder.map(Path::new), threads, &listener).map_err(|stopped| match stopped {
-            Stopped::Error(_) if cancelled.load(Ordering::Relaxed) => PALPATE_STATUS_CANCELLED.into(),
-            Stopped::Error(e) => wrong(e),
-            Stopped::Cancelled { done, of } => {
-                Failure::new(PALPATE_STATUS_CANCELLED, format!("ended: {done} of {of} test points are done"))
-            }
-        })
-    }
-
-    fn simulate(
-        path: &Path,
-        spec: &Spec,
-        folder: Option<&Path>,
-        threads: u32,
-        listener: &Listener<'_>,
-    ) -> Result<Body, Stopped> {
-        let temporary;
-        let folder = match folder {
-            Some(folder) => {
-                files::make_folder(folder)?;
-                folder
-            }
-            None => {
-                temporary = tempfile::tempdir()?;
-                temporary.path()
-            }
-        };
-        let simulation = spec.simulation(path)?;
-        let plan = prepare::plan(spec, &simulation, path)?;
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        let options = Options {
-            record: folder.join("body.paths"),
-            partial: folder.join("body.partial"),
-            jobs: if threads == 0 { cores } else { threads as usize },
-            resume: true,
-            shard: None,
-        };
-        let ready = || {
-            let prepared = prepare::prepare(spec, &simulation, path, listener.cancelled)?;
-            prepared.scene.notes.iter().for_each(|note| listener.note(note));
-            Ok(prepared)
-        };
-        let (whole, workspace) = run::run(&plan, &options, ready, listener, listener.cancelled)?;
-        let assembled = assemble::body(&whole)?;
-        workspace.finish(listener)?;
-        Ok(assembled.body)
+        let jobs = if threads == 0 { cores } else { threads as usize };
+        body_of_spec(path, folder.map(Path::new), jobs, &listener, &cancelled).map_err(
+            |stopped| match stopped {
+                Stopped::Error(_) if cancelled.load(Ordering::Relaxed) => PALPATE_STATUS_CANCELLED.into(),
+                Stopped::Error(e) => wrong(e),
+                Stopped::Cancelled { done, of } => Failure::new(
+                    PALPATE_STATUS_CANCELLED,
+                    format!("ended: {done} of {of} test points are done"),
+                ),
+            },
+        )
     }
 }

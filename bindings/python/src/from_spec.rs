@@ -3,11 +3,9 @@
 use crate::errors::{CancelledError, Raised};
 use crate::interrupt::interruptible;
 use crate::make::Progress;
+use palpate::Body;
 use palpate::build::Progress as Listening;
-use palpate::build::fit::FitInputs;
-use palpate::build::precompute::{self, Stopped, assemble, prepare, run};
-use palpate::build::spec::Spec;
-use palpate::{Body, files};
+use palpate::build::precompute::{Stopped, body_of_spec};
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -55,12 +53,7 @@ pub fn from_spec(
     jobs: usize,
 ) -> PyResult<Body> {
     let work = |sender: Sender<Progress>, cancelled: &AtomicBool| -> Result<Body, Stopped> {
-        let spec = Spec::read(path)?;
-        if spec.law.is_some() {
-            let inputs = FitInputs { spec: Some((spec, path.to_path_buf())), ..FitInputs::default() };
-            return Ok(inputs.body()?.body);
-        }
-        simulate(path, &spec, folder.as_deref(), jobs, &Listener::new(sender), cancelled)
+        body_of_spec(path, folder.as_deref(), jobs, &Listener::new(sender), cancelled)
     };
     interruptible(py, work, hearer(progress))?.map_err(|stopped| match stopped {
         Stopped::Error(e) => e.raised(),
@@ -68,45 +61,6 @@ pub fn from_spec(
             CancelledError::new_err(format!("ended: {done} of {of} test points are done"))
         }
     })
-}
-
-fn simulate(
-    path: &Path,
-    spec: &Spec,
-    folder: Option<&Path>,
-    jobs: usize,
-    listener: &Listener,
-    cancelled: &AtomicBool,
-) -> Result<Body, Stopped> {
-    let temporary;
-    let folder = match folder {
-        Some(folder) => {
-            files::make_folder(folder)?;
-            folder
-        }
-        None => {
-            temporary = tempfile::tempdir().map_err(anyhow::Error::from)?;
-            temporary.path()
-        }
-    };
-    let simulation = spec.simulation(path)?;
-    let plan = prepare::plan(spec, &simulation, path)?;
-    let options = precompute::Options {
-        record: folder.join("body.paths"),
-        partial: folder.join("body.partial"),
-        jobs,
-        resume: true,
-        shard: None,
-    };
-    let ready = || {
-        let prepared = prepare::prepare(spec, &simulation, path, cancelled)?;
-        prepared.scene.notes.iter().for_each(|note| listener.note(note));
-        Ok(prepared)
-    };
-    let (whole, workspace) = run::run(&plan, &options, ready, listener, cancelled)?;
-    let assembled = assemble::body(&whole)?;
-    workspace.finish(listener)?;
-    Ok(assembled.body)
 }
 
 /// What gives the events to a Python function, which ends the work with False.

@@ -2,11 +2,13 @@
 
 pub mod assemble;
 pub mod elements;
+mod of_spec;
 pub mod prepare;
 pub mod run;
 pub mod volume;
 mod workspace;
 
+pub use of_spec::body_of_spec;
 pub use run::{Options, PointSolver, Prepared, Rounds, Shard, Stopped, merge};
 pub use workspace::Workspace;
 
