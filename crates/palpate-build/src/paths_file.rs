@@ -17,7 +17,6 @@ use safetensors::tensor::{Metadata, TensorInfo};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -417,11 +416,7 @@ fn digest(entry: &Entry, tensors: [&[u8]; 3]) -> String {
     // An entry that can't be written has an empty text, and so its own digest.
     hash.update(serde_json::to_vec(entry).unwrap_or_default());
     tensors.into_iter().for_each(|bytes| hash.update(bytes));
-    let mut text = String::new();
-    for byte in hash.finalize() {
-        let _ = write!(text, "{byte:02x}");
-    }
-    text
+    files::hex(&hash.finalize())
 }
 
 /// A record: points of one plan.

@@ -22,12 +22,14 @@ use serde::Serialize;
 
 mod errors;
 mod free;
+mod kept;
 mod place;
 mod press;
 mod render;
 mod report;
 
 pub use errors::{Errors, Percentiles, PhaseErrors, Sliding, Spread, median, percentile};
+pub use kept::Kept;
 pub use render::{held_force, sticking};
 pub use report::Measure;
 
@@ -92,6 +94,11 @@ pub trait Simulator: Sync {
 
     /// A free path.
     fn follow(&self, plan: &FreePlan) -> Option<LoadPath>;
+
+    /// Presses and drags sticking for a place's own potential: with the tangents.
+    fn own_paths(&self, plan: &PointPlan) -> Option<PointPaths> {
+        self.press(plan, true)
+    }
 
     /// What to press and drag for a place's own potential; none where nobody asks for it.
     fn own_plan(&self, _point: DVec3, _inward: DVec3) -> Option<PointPlan> {
@@ -508,7 +515,7 @@ pub fn validate(
             let simulated = tried.simulate(trial, simulator)?;
             let mut further = Vec::new();
             if let Some(plan) = simulator.own_plan(tried.place.point, tried.place.inward) {
-                let paths = simulator.press(&plan, true)?;
+                let paths = simulator.own_paths(&plan)?;
                 further.extend(own_potential(body, trial, &tried.place, &plan, &paths, &variants));
             }
             let result = compare(body, trial.history, &tried, &simulated, variants.iter().chain(&further));

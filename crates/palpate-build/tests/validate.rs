@@ -7,7 +7,8 @@ use palpate_body::{
     Response, SlipRule, SurfacePoint, Tool, tensor,
 };
 use palpate_build::validate::{
-    Errors, History, Measure, Phase, Simulator, Source, Trial, Validation, held_force, sticking, validate,
+    Errors, History, Kept, Measure, Phase, Simulator, Source, Trial, Validation, held_force, sticking,
+    validate,
 };
 use palpate_engine::{Ablation, Contact, Flags, Output, ToolState, Waypoint, rollout};
 use palpate_identify::{Amount, spread, test_points};
@@ -736,4 +737,41 @@ fn tables_and_csv_hold_every_source_phase_and_state() {
     assert!(csv.lines().all(|l| l.split(',').count() == columns));
     let [normal, lateral] = v.state_errors(Measure::Local);
     assert!(normal.len() == v.summary.local_states && lateral.is_sorted());
+}
+
+/// What is kept is what was simulated, to the bit; a line that was cut off and a path of another spec are simulated.
+#[test]
+fn kept_paths_are_not_simulated_again() {
+    struct Counted<'b>(Engine<'b>, AtomicUsize);
+    impl Simulator for Counted<'_> {
+        fn press(&self, plan: &PointPlan, sticking: bool) -> Option<PointPaths> {
+            self.0.press(plan, sticking)
+        }
+        fn follow(&self, plan: &FreePlan) -> Option<Path> {
+            self.1.fetch_add(1, Ordering::Relaxed);
+            self.0.follow(plan)
+        }
+    }
+    const PATHS: usize = 3;
+    let body = body(0.0);
+    let trial = trial(&body, History::Coulomb, PATHS);
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("simulated.jsonl");
+    let run = |spec: &str| {
+        let engine = Counted(Engine::of(&body), AtomicUsize::new(0));
+        let kept = Kept::open(&engine, &file, spec, &[]).unwrap();
+        let result = validate(&body, &trial, &kept, &|| {}).unwrap();
+        kept.finish().unwrap();
+        (result, engine.1.into_inner())
+    };
+    let (simulated, count) = run("a");
+    assert_eq!(count, PATHS);
+    let (again, count) = run("a");
+    assert_eq!((&again, count), (&simulated, 0));
+    let text = std::fs::read(&file).unwrap();
+    std::fs::write(&file, &text[..text.len() - 100]).unwrap();
+    let (again, count) = run("a");
+    assert_eq!((&again, count), (&simulated, 1));
+    assert_eq!(run("a").1, 0, "the line after the one that was cut off can't be read");
+    assert_eq!(run("b").1, PATHS);
 }

@@ -46,13 +46,18 @@ pub fn sha256_of(mut file: File, path: &Path) -> Result<String> {
             }
             hash.update(buffer.get(..count).unwrap_or_default());
         }
-        let mut text = String::new();
-        for byte in hash.finalize() {
-            let _ = write!(text, "{byte:02x}");
-        }
-        Ok(text)
+        Ok(hex(&hash.finalize()))
     };
     read().map_err(|e| unreadable(path, &e))
+}
+
+/// Two lower-case digits for each byte.
+pub fn hex(bytes: &[u8]) -> String {
+    let mut text = String::with_capacity(2 * bytes.len());
+    for byte in bytes {
+        let _ = write!(text, "{byte:02x}");
+    }
+    text
 }
 
 /// Opens it to be read.

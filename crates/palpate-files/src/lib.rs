@@ -8,7 +8,7 @@ mod source;
 
 pub use csv_table::{Row, Table};
 pub use files::{
-    check_target, make_folder, message, open, read_text, refuse_overwrite, replace, replace_or_stream,
+    check_target, hex, make_folder, message, open, read_text, refuse_overwrite, replace, replace_or_stream,
     sha256, sha256_of, unreadable, unwritable,
 };
 pub use source::{List, Source};

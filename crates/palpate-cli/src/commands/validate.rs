@@ -14,7 +14,7 @@ use palpate_build::precompute::assemble::friction;
 use palpate_build::precompute::elements::Elements;
 use palpate_build::precompute::prepare::{inputs_of, margin, point_plan, prepare};
 use palpate_build::spec::{self, Simulation, Spec};
-use palpate_build::validate::{self, Simulator, Trial, Validation, touchable, validate};
+use palpate_build::validate::{self, Kept, Simulator, Trial, Validation, touchable, validate};
 use palpate_files as files;
 use palpate_simulate::{Contact, FreePlan, PointPaths, PointPlan};
 use std::path::{Path, PathBuf};
@@ -87,7 +87,8 @@ pub struct Args {
     /// Print JSON instead of the table
     #[arg(long)]
     json: bool,
-    /// Folder for the table, a picture, and every state's forces: validate.md, validate.png, states.csv
+    /// Folder for the table, a picture, every state's forces, and the simulated paths: validate.md, validate.png, states.csv,
+    /// simulated.jsonl. Paths that are kept there are not simulated again, whatever the body
     #[arg(short, long, value_name = "FOLDER")]
     output: Option<PathBuf>,
 }
@@ -109,12 +110,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         )
         .into());
     }
-    let names = ["validate.md", "validate.png", "states.csv"];
+    let names = ["validate.md", "validate.png", "states.csv", "simulated.jsonl"];
     let outputs: Vec<PathBuf> =
         args.output.iter().flat_map(|folder| names.map(|name| folder.join(name))).collect();
-    let mut inputs = inputs_of(&spec, &simulation);
-    inputs.extend([args.body.clone(), args.spec.clone()]);
-    let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
+    let simulated = inputs_of(&spec, &simulation);
+    let inputs = simulated.iter().chain([&args.body, &args.spec]);
+    let inputs: Vec<&Path> = inputs.map(PathBuf::as_path).collect();
     files::refuse_overwrite(&outputs, &inputs)?;
     if let Some(folder) = &args.output {
         files::make_folder(folder)?;
@@ -158,13 +159,23 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         .map_err(|e| anyhow!("{jobs} threads can't be started ({e}); give fewer --jobs"))?;
     let progress = Progress::default();
     progress.begin(trial.paths, 0);
-    let result = pool.install(|| validate(&body, &trial, &simulator, &|| progress.done(1)));
+    let kept = outputs.get(3).map(|path| Kept::open(&simulator, path, &spec.text, &simulated)).transpose()?;
+    let source: &dyn Simulator = kept.as_ref().map_or(&simulator, |kept| kept);
+    let result = pool.install(|| validate(&body, &trial, source, &|| progress.done(1)));
     progress.end();
+    if let Some(Err(e)) = kept.map(Kept::finish) {
+        console::note(&format!("{}; its paths will be simulated again", files::message(&e)));
+    }
     if CANCELLED.load(Ordering::Relaxed) {
-        return Err(Failure::Interrupted("stopped; nothing was written".into()));
+        let what = if args.output.is_some() {
+            "stopped; the paths that were done are kept, the same command goes on"
+        } else {
+            "stopped; nothing was written"
+        };
+        return Err(Failure::Interrupted(what.into()));
     }
     let validation = result?;
-    if let [table, picture, states] = &outputs[..] {
+    if let [table, picture, states, _] = &outputs[..] {
         files::replace(table, |out| Ok(out.write_all(document(&validation).as_bytes())?))?;
         plot::save(picture, &charts(&validation))?;
         files::replace(states, |out| validation.csv(out))?;
