@@ -585,5 +585,7 @@ fn blended(parts: &[(usize, f64, Potential)], scale: impl Fn(usize) -> f64) -> R
         let terms: Vec<(f64, &Curve)> = curves.iter().map(|(w, c)| (*w, c[q])).collect();
         *curve = Curve::blend(&terms)?;
     }
+    let frictions: Vec<(f64, &Curve)> = parts.iter().map(|(_, w, p)| (*w, &p.friction)).collect();
+    made[friction] = Curve::blend(&frictions)?;
     Ok(Potential::from_curves(tangents, made))
 }

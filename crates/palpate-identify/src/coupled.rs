@@ -5,7 +5,7 @@
 //! the smallest rotation and scaled by the lateral stiffness at each depth.
 
 use crate::between::{Prior, Simulated, Spread, round};
-use crate::curvature::{Curvatures, slip_friction};
+use crate::curvature::{Curvatures, capacity, scaled, slip_friction};
 use crate::error::FitError;
 use crate::fit::{FitReport, PointReport, SAME_DEFLECTION};
 use crate::paths::{PointRecord, check, friction};
@@ -15,6 +15,7 @@ use crate::potential::{
 use crate::spread::place;
 use crate::test_points::check_prior;
 use glam::{DMat3, DQuat, DVec3};
+use palpate_body::curve::between_rows;
 use palpate_body::law::QUANTITIES;
 use palpate_body::{
     BlendWeights, BodyError, CoupledLaw, Curve, Extension, InterpolationErrors, Potential, PotentialErrors,
@@ -227,12 +228,12 @@ pub fn fit_coupled(
     let (normalisation, interpolation) = simulated.judged(options.first)?;
     let Spread { mut potentials, test_point_nodes, blends } = simulated.spread(normalisation, &mut notes)?;
     if let Some(radius) = options.tool_radius_m {
-        let knots = potentials[0].press.knots().to_vec();
         // As wide as the contact gets, at most.
-        let scale = radius.max(knots.last().copied().unwrap_or_default());
+        let deepest = potentials.iter().filter_map(|p| p.press.knots().last().copied()).fold(0.0, f64::max);
+        let scale = radius.max(deepest);
         let curvatures = Curvatures::new(surface, scale);
         for (potential, &node) in potentials.iter_mut().zip(&test_point_nodes) {
-            potential.friction = slip_friction(&options.friction, &knots, radius, curvatures.at(node))?;
+            potential.friction = slip_friction(&potential.friction, radius, curvatures.at(node))?;
         }
     }
     let points = locals.iter().map(|local| PointReport {
@@ -333,7 +334,9 @@ fn places<'a>(
     let fits = locals.par_iter().map(|local| {
         let quantities = if local.dragged() { QUANTITIES - 1 } else { UP_TO_STIFFNESS };
         let fit = fit_stuck(&local.samples, &local.stiffness, local.tangents, &fit_options, quantities)?;
-        Ok((Potential { friction: mu.clone(), ..fit.potential }, fit.reciprocity))
+        let held = capacity(local.record);
+        let friction = scaled(&mu, |depth| between_rows(&held, depth).unwrap_or(1.0))?;
+        Ok((Potential { friction, ..fit.potential }, fit.reciprocity))
     });
     let fits: Vec<Result<(Potential, f64), FitError>> = fits.collect();
     let mut failed =

@@ -11,28 +11,44 @@
 //! and what the tool then feels in sustained sliding is μ f_z.
 
 use crate::error::FitError;
-use crate::paths::friction;
+use crate::paths::PointRecord;
 use glam::DVec3;
-use palpate_body::curve::between_rows;
 use palpate_body::{Curve, Surface};
 use std::collections::HashMap;
 
 /// Between which ends the factor stays: an edge that is sharp against the tool, or a hollow as narrow as it, has no one curvature.
 const ENDS: [f64; 2] = [0.5, 2.0];
+/// Where hardly anything presses along û any more the pressures say nothing.
+const WRAPPED: f64 = 1.5;
 
 /// The coefficient of slip at a place of this curvature (1/m) under a sphere of radius `tool_radius_m` (0 for a tool whose
-/// reference point is its tip), from the material's (depth in m, coefficient).
-pub(crate) fn slip_friction(
-    rows: &[(f64, f64)],
-    knots: &[f64],
-    tool_radius_m: f64,
-    curvature: f64,
-) -> Result<Curve, FitError> {
+/// reference point is its tip), from the material's.
+pub(crate) fn slip_friction(material: &Curve, tool_radius_m: f64, curvature: f64) -> Result<Curve, FitError> {
     let [low, high] = ENDS;
     let factor = |depth: f64| (1.0 + (tool_radius_m - depth) * curvature).clamp(low, high);
-    let at = |&k: &f64| Some((k, between_rows(rows, k)? * factor(k)));
-    let rows: Vec<(f64, f64)> = knots.iter().filter_map(at).collect();
-    friction(&rows, knots)
+    scaled(material, factor)
+}
+
+/// What a contact that wraps around the tool holds, in parts of μ f_z, over depth (m).
+///
+/// Friction acts on every part of the contact, Σ μ p in all, and f_z is what of these pressures points along û: with θ the angle
+/// between both, Σ p = f_z/⟨cos θ⟩. And the material that slips there goes along arcs, 1/cos θ for each way of the tool where
+/// that leads up or down, 1 where it leads past: on the mean over the directions another ⟨cos θ⟩^−½.
+pub(crate) fn capacity(record: &PointRecord) -> Vec<(f64, f64)> {
+    let u = record.inward.normalize();
+    let at = record.press.iter().zip(&record.pressed_n).filter(|(row, _)| row.1.dot(u) > 0.0);
+    let at = at.map(|(row, pressed)| {
+        let wrapped = (pressed / row.1.dot(u)).clamp(1.0, WRAPPED);
+        (row.0, wrapped * wrapped.sqrt())
+    });
+    std::iter::once((0.0, 1.0)).chain(at).collect()
+}
+
+/// A friction's curve times a factor of the depth, m.
+pub(crate) fn scaled(friction: &Curve, factor: impl Fn(f64) -> f64) -> Result<Curve, FitError> {
+    let knots = friction.knots();
+    let rows: Vec<(f64, f64)> = knots.iter().map(|&k| (k, friction.value(k) * factor(k))).collect();
+    crate::paths::friction(&rows, knots)
 }
 
 /// Mean curvatures of a surface over balls of one radius.
@@ -82,6 +98,7 @@ fn cube(p: DVec3, width: f64) -> [i64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::paths::friction;
     use palpate_body::shape::{Resolution, Shape};
 
     fn curvature(shape: Shape, at: DVec3) -> f64 {
@@ -108,12 +125,13 @@ mod tests {
     fn the_way_of_the_tool_is_what_friction_works_along() {
         let rows = [(0.0, 0.3), (4e-3, 0.5)];
         let knots = [0.0, 2e-3, 4e-3, 6e-3];
-        let curve = slip_friction(&rows, &knots, 5e-3, 20.0).unwrap();
+        let material = friction(&rows, &knots).unwrap();
+        let curve = slip_friction(&material, 5e-3, 20.0).unwrap();
         for (depth, mu) in [(0.0, 0.3), (2e-3, 0.4), (4e-3, 0.5), (6e-3, 0.5)] {
             let expected = mu * (1.0 + (5e-3 - depth) * 20.0);
             assert!((curve.value(depth) - expected).abs() < 1e-12);
         }
         // A hollow that is narrower than the tool.
-        assert!((slip_friction(&rows, &knots, 5e-3, -300.0).unwrap().value(0.0) - 0.15).abs() < 1e-12);
+        assert!((slip_friction(&material, 5e-3, -300.0).unwrap().value(0.0) - 0.15).abs() < 1e-12);
     }
 }

@@ -22,6 +22,8 @@ pub struct PointRecord {
     pub inward: DVec3,
     /// Depth (m, ascending, positive) and force on the body (N).
     pub press: Vec<(f64, DVec3)>,
+    /// For each of these states the sum of pressures over the contact, whatever their directions, N; empty if not known.
+    pub pressed_n: Vec<f64>,
     /// Depth (m) of pressed states, and how the force on the body changes there with a small motion of the tool that sticks,
     /// N/m: symmetric, in the body's axes.
     pub stiffness: Vec<(f64, DMat3)>,

@@ -82,7 +82,7 @@ fn record(of: &Potential, node: u32, u: DVec3, dragged: bool) -> PointRecord {
         press: press.map(|(d, (force, _))| (d, force)).to_vec(),
         stiffness: press.map(|(d, (_, k))| (d, k)).to_vec(),
         drags: drags.collect(),
-        stopped: None,
+        ..PointRecord::default()
     }
 }
 
@@ -160,6 +160,42 @@ fn terms_of_higher_order_are_carried_over() {
     assert!(fit.report.notes.iter().any(|n| n.contains("carried over")), "{:?}", fit.report.notes);
 }
 
+/// Friction's limit is what the pressures hold along the arcs that slip goes, (Σ p/f_z)^1.5 at each depth; μ where nobody knows the
+/// pressures; and at nodes between the places the mean of theirs.
+#[test]
+fn pressures_that_wrap_around_the_tool_hold_more() {
+    let surface = ball();
+    let upper = (0..surface.positions().len()).filter(|&n| surface.inward_normals()[n].z > 0.7);
+    let nodes: Vec<usize> = upper.step_by(10).collect();
+    let wrapped = |depth: f64| 1.0 + 20.0 * depth;
+    let mut records: Vec<PointRecord> = nodes
+        .iter()
+        .map(|&n| {
+            let u = surface.inward_normals()[n];
+            record(&known(u, 1.0), n as u32, u, true)
+        })
+        .collect();
+    let flat = fit_coupled(&surface, &records, &options()).unwrap();
+    assert!(flat.law.potentials.iter().all(|p| DEPTHS.iter().all(|d| p.friction.value(*d) == 0.3)));
+    for record in &mut records {
+        let u = record.inward;
+        record.pressed_n = record.press.iter().map(|(d, force)| force.dot(u) * wrapped(*d)).collect();
+    }
+    let fit = fit_coupled(&surface, &records, &options()).unwrap();
+    assert!(fit.law.potentials.len() >= nodes.len());
+    for potential in &fit.law.potentials {
+        for depth in DEPTHS {
+            let wanted = 0.3 * wrapped(depth).powf(1.5);
+            assert!((potential.friction.value(depth) - wanted).abs() < 1e-9, "{depth}");
+        }
+    }
+    // A tool that slides off, with hardly any force along û left, says nothing of friction.
+    records.iter_mut().flat_map(|r| &mut r.pressed_n).for_each(|p| *p *= 1e3);
+    let fit = fit_coupled(&surface, &records, &options()).unwrap();
+    let most = fit.law.potentials.iter().map(|p| p.friction.value(DEPTHS[5])).fold(0.0, f64::max);
+    assert!((most - 0.3 * 1.5f64.powf(1.5)).abs() < 1e-9, "{most}");
+}
+
 /// Betti: a press whose lateral force grows otherwise than its stuck tangents say is no potential's.
 #[test]
 fn a_press_that_is_no_potentials_shows() {
@@ -228,7 +264,14 @@ fn the_livers_drags_are_predicted_from_places_around() {
                 let rows = states.iter().map(|s| (lateral(s).length(), s.force)).collect();
                 DragRecord { depth_m: deflection(states[0]).dot(u), direction, rows }
             });
-            PointRecord { node: n as u32, inward: u, press, stiffness, drags: drags.collect(), stopped: None }
+            PointRecord {
+                node: n as u32,
+                inward: u,
+                press,
+                stiffness,
+                drags: drags.collect(),
+                ..PointRecord::default()
+            }
         })
         .collect();
     let mut few = whole.clone();
