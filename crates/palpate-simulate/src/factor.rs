@@ -55,7 +55,7 @@ pub(crate) struct Symbolic {
 }
 
 /// L of L Lᵀ.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Factor {
     values: Vec<f32>,
 }

@@ -18,6 +18,7 @@ use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::{Accum, Mat, MatMut, Par};
 use glam::{DMat3, DVec3};
+use std::rc::Rc;
 
 /// Nodes of a near field at most: beyond, dense matrices cost more than they save.
 const MAX_NODES: usize = 350;
@@ -51,7 +52,7 @@ pub(crate) struct NearField {
     index: Vec<u32>,
     /// For each unknown (3 × index + component).
     held: Vec<bool>,
-    pub symbolic: Symbolic,
+    pub symbolic: Rc<Symbolic>,
     pub factor: Factor,
     /// The body's stiffness, condensed; symmetric, N/m.
     body: Mat<f64>,
@@ -75,16 +76,34 @@ impl NearField {
         let unknowns = nodes.iter().flat_map(|&node| (0..3).map(move |axis| 3 * node as usize + axis));
         NearField {
             held: unknowns.map(|unknown| held[unknown]).collect(),
-            symbolic: Symbolic::with_last(pattern, &nodes),
+            symbolic: Rc::new(Symbolic::with_last(pattern, &nodes)),
             factor: Factor::default(),
             body: Mat::zeros(m, m),
             tangent: Mat::zeros(m, m),
-            memory: MemBuffer::new(cholesky_in_place_scratch::<f64>(m, Par::Seq, Default::default())),
+            memory: memory(m),
             x: vec![0.0; 3 * pattern.nodes()],
             scale: 1.0,
             scratch: Vec::new(),
             nodes,
             index,
+        }
+    }
+
+    /// The same with room of its own to work in.
+    pub fn copy(&self) -> Self {
+        let m = self.held.len();
+        NearField {
+            nodes: self.nodes.clone(),
+            index: self.index.clone(),
+            held: self.held.clone(),
+            symbolic: self.symbolic.clone(),
+            factor: self.factor.clone(),
+            body: self.body.clone(),
+            tangent: Mat::zeros(m, m),
+            memory: memory(m),
+            x: self.x.clone(),
+            scale: self.scale,
+            scratch: Vec::new(),
         }
     }
 
@@ -222,6 +241,11 @@ impl NearField {
             }
         }
     }
+}
+
+/// To factor m × m.
+fn memory(m: usize) -> MemBuffer {
+    MemBuffer::new(cholesky_in_place_scratch::<f64>(m, Par::Seq, Default::default()))
 }
 
 fn add_block(mut matrix: MatMut<f64>, index: &[u32], held: &[bool], i: u32, j: u32, block: &DMat3) {

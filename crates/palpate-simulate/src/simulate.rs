@@ -5,6 +5,7 @@ use crate::equilibrium::{Counts, Failure, RESIDUAL_TOLERANCE, Solver, TOOL_TOLER
 use crate::load::Load;
 use crate::mesh::Boundary;
 use crate::model::{Fixed, Model};
+use crate::near_field::NearField;
 use crate::path::{Contact, FreePlan, FreePose, Path, PointPaths, PointPlan, State, Stop, StuckTangent};
 use crate::tool::{Placement, RigidTool};
 use glam::{DMat3, DQuat, DVec3};
@@ -426,6 +427,8 @@ impl<'m, 't> LoadStepper<'m, 't> {
             let wanted = plan.drags.iter().any(|drag| drag.from == i);
             pressed.push(wanted.then(|| self.snapshot()));
         }
+        // Drags from the same state begin with the same factor.
+        let mut shared: Option<(usize, NearField)> = None;
         for drag in &plan.drags {
             let mut path = Path::default();
             let Some(Some(snapshot)) = pressed.get(drag.from) else {
@@ -435,6 +438,14 @@ impl<'m, 't> LoadStepper<'m, 't> {
             self.restore(snapshot);
             if self.friction == Friction::None {
                 self.restick();
+            }
+            match &shared {
+                Some((from, near)) if *from == drag.from => self.solver.near = Some(near.copy()),
+                _ => {
+                    let there = self.solver.prepare_near_field(&self.load)
+                        && self.solver.refactor_near_field(&self.load);
+                    shared = self.solver.near.as_ref().filter(|_| there).map(|near| (drag.from, near.copy()));
+                }
             }
             for &distance in &drag.distances {
                 let pose = FreePose { offset: snapshot.at.offset + drag.direction * distance, ..snapshot.at };
