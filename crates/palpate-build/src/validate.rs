@@ -17,7 +17,7 @@ use palpate_body::curve::between_rows;
 use palpate_simulate::{FreePlan, Path as LoadPath, PointPaths, PointPlan, State};
 use place::{Ground, Place};
 use rayon::prelude::*;
-use render::{Variant, own_potential, variants};
+use render::{Rendered, Variant, own_potential, variants};
 use serde::Serialize;
 
 mod errors;
@@ -26,10 +26,13 @@ mod place;
 mod press;
 mod render;
 mod report;
+mod surface;
 
 pub use errors::{Errors, Percentiles, PhaseErrors, Sliding, Spread, median, percentile};
 pub use render::{held_force, sticking};
 pub use report::Measure;
+use surface::SurfaceTrial;
+pub use surface::{Boundary, SurfaceError, SurfaceErrors};
 
 /// What is simulated and rendered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
@@ -92,6 +95,11 @@ pub trait Simulator: Sync {
 
     /// A free path.
     fn follow(&self, plan: &FreePlan) -> Option<LoadPath>;
+
+    /// What displacements of states are given on; nothing where it gives none.
+    fn boundary(&self) -> Boundary {
+        Boundary::default()
+    }
 
     /// What to press and drag for a place's own potential; none where nobody asks for it.
     fn own_plan(&self, _point: DVec3, _inward: DVec3) -> Option<PointPlan> {
@@ -330,6 +338,9 @@ pub struct PathResult {
     /// State by state.
     #[serde(skip)]
     pub states: Vec<Compared>,
+    /// The deformed surface at the states that touch on both sides; and a dimple's in its place.
+    #[serde(skip)]
+    pub surface: [Vec<SurfaceError>; 2],
 }
 
 impl PathResult {
@@ -368,6 +379,10 @@ pub struct Validation {
     pub sliding: Option<Sliding>,
     /// Every source's errors.
     pub sources: Vec<SourceSummary>,
+    /// Of the deformed surface, where the simulator gives displacements.
+    pub surface: Option<SurfaceErrors>,
+    /// The same of a dimple that only fits depth and tool, where the body has displacement fields.
+    pub dimple: Option<SurfaceErrors>,
     /// Paths without any state, which count nowhere.
     pub failed: usize,
     /// Paths that ended early, which count as far as they went.
@@ -501,6 +516,13 @@ pub fn validate(
     }
     let ground = Ground::new(body, &trial.touchable, trial.at_test_points)?;
     let variants = variants(body, trial)?;
+    let boundary = simulator.boundary();
+    let plain = body.clone().with_displacement_fields(None)?;
+    let dimple = match body.displacement_fields()? {
+        Some(_) => SurfaceTrial::new(&plain, &boundary)?,
+        None => None,
+    };
+    let surfaces = [SurfaceTrial::new(body, &boundary)?, dimple];
     let results: Option<Vec<Option<PathResult>>> = (0..trial.paths)
         .into_par_iter()
         .map(|path| {
@@ -511,7 +533,8 @@ pub fn validate(
                 let paths = simulator.press(&plan, true)?;
                 further.extend(own_potential(body, trial, &tried.place, &plan, &paths, &variants));
             }
-            let result = compare(body, trial.history, &tried, &simulated, variants.iter().chain(&further));
+            let variants = variants.iter().chain(&further);
+            let result = compare(body, trial.history, &tried, &simulated, &surfaces, variants);
             progress();
             Some(result)
         })
@@ -533,7 +556,13 @@ pub fn validate(
         let (_, errors) = errors(Source::Body, &|s| s.phase() == phase);
         PhaseErrors { phase, errors }
     });
+    let surface = |which: usize| {
+        let states: Vec<SurfaceError> = paths.iter().flat_map(|p| p.surface[which].iter().copied()).collect();
+        SurfaceErrors::new(&states)
+    };
     Ok(Validation {
+        surface: surface(0),
+        dimple: surface(1),
         history: trial.history,
         seed: trial.seed,
         at_test_points: trial.at_test_points,
@@ -553,6 +582,7 @@ fn compare<'v>(
     history: History,
     tried: &Tried,
     simulated: &Simulated,
+    surfaces: &[Option<SurfaceTrial<'_>>; 2],
     variants: impl Iterator<Item = &'v Variant> + Clone,
 ) -> Option<PathResult> {
     let (found, stopped) = tried.states(simulated);
@@ -569,14 +599,20 @@ fn compare<'v>(
         Simulated::Press(_) if history == History::Stick => Some(tried.place.at),
         _ => None,
     };
-    let mut normals = Vec::new();
+    let (mut normals, mut touched) = (Vec::new(), Vec::new());
     for variant in variants.clone() {
-        let (forces, there) = variant.forces(start, u, &offsets, held);
+        let Rendered { forces, normals: there, contacts } = variant.forces(start, u, &offsets, held);
         if variant.source == Source::Body {
-            normals = there;
+            (normals, touched) = (there, contacts);
         }
         rendered.push((variant.source, forces));
     }
+    let surface = surfaces.each_ref().map(|trial| {
+        let states = touched.iter().zip(&offsets).zip(&found).filter(|(_, s)| s.force_n != DVec3::ZERO);
+        let states =
+            states.map(|((at, offset), s)| (*at, start + *offset, offset.dot(u), &s.displacement_m[..]));
+        trial.as_ref().map_or(Vec::new(), |trial| trial.compare(states))
+    });
     match (simulated, &tried.plan) {
         (Simulated::Press(paths), Plan::Press(plan)) if plan.drags.len() > 1 => {
             let which = [(Source::OwnCurves, 1..plan.drags.len()), (Source::OwnCurvesAtDepth, 0..1)];
@@ -590,7 +626,7 @@ fn compare<'v>(
             let source = Source::PressureFriction;
             let variant = variants.clone().next().zip(pressures_hold(&found, u));
             let variant = variant.map(|(v, scale)| v.with_friction(source, scale));
-            rendered.extend(variant.map(|v| (source, v.forces(start, u, &offsets, held).0)));
+            rendered.extend(variant.map(|v| (source, v.forces(start, u, &offsets, held).forces)));
         }
         _ => {}
     }
@@ -624,6 +660,7 @@ fn compare<'v>(
         stopped,
         sources: sources.collect(),
         states,
+        surface,
     })
 }
 
