@@ -32,7 +32,7 @@ pub use errors::{Errors, Percentiles, PhaseErrors, Sliding, Spread, median, perc
 pub use render::{held_force, sticking};
 pub use report::Measure;
 use surface::SurfaceTrial;
-pub use surface::{Boundary, SurfaceError, SurfaceErrors};
+pub use surface::{SimulatedSurface, SurfaceError, SurfaceErrors};
 
 /// What is simulated and rendered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
@@ -97,8 +97,8 @@ pub trait Simulator: Sync {
     fn follow(&self, plan: &FreePlan) -> Option<LoadPath>;
 
     /// What displacements of states are given on; nothing where it gives none.
-    fn boundary(&self) -> Boundary {
-        Boundary::default()
+    fn surface(&self) -> SimulatedSurface {
+        SimulatedSurface::default()
     }
 
     /// What to press and drag for a place's own potential; none where nobody asks for it.
@@ -516,7 +516,7 @@ pub fn validate(
     }
     let ground = Ground::new(body, &trial.touchable, trial.at_test_points)?;
     let variants = variants(body, trial)?;
-    let boundary = simulator.boundary();
+    let boundary = simulator.surface();
     let plain = body.clone().with_displacement_fields(None)?;
     let dimple = match body.displacement_fields()? {
         Some(_) => SurfaceTrial::new(&plain, &boundary)?,

@@ -307,6 +307,13 @@ impl DisplacementFields {
         Ok(fields)
     }
 
+    /// The greatest depth that a test point's fields were found at, m: the least of those places' whose it blends.
+    pub fn deepest_m(&self, test_point: usize) -> f64 {
+        let Some(blend) = self.press.blends.get(test_point) else { return 0.0 };
+        let used = blend.test_points.iter().zip(blend.weights).filter(|(_, w)| *w > 0.0);
+        used.map(|(&place, _)| self.press.deepest_m(place as usize)).fold(f64::INFINITY, f64::min)
+    }
+
     /// Whether they are those of so many test points.
     pub(crate) fn check_blends(&self, test_points: usize) -> Result<()> {
         self.press.check_blends(test_points)?;

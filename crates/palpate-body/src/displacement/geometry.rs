@@ -44,6 +44,8 @@ impl FieldSurface {
             ends[*bc as usize] = [*b, *c];
             ends[*ca as usize] = [*c, *a];
         }
+        // A corner is no middle, whatever a face of straight edges names for one.
+        faces.iter().flat_map(|f| &f[..3]).for_each(|&n| ends[n as usize] = [n, n]);
         Ok(FieldSurface { positions, faces, ends })
     }
 

@@ -13,7 +13,7 @@ const DEEP: f64 = 0.1;
 
 /// The simulated mesh's boundary at rest.
 #[derive(Debug, Clone, Default)]
-pub struct Boundary {
+pub struct SimulatedSurface {
     /// Nodes that states' displacements are of, m.
     pub positions: Vec<DVec3>,
     /// Three corners and the middles of the edges 01, 12, 20.
@@ -69,7 +69,7 @@ impl SurfaceErrors {
 /// Compares surfaces: where the simulation's nodes lie on the body's.
 pub struct SurfaceTrial<'a> {
     body: &'a Body,
-    boundary: &'a Boundary,
+    boundary: &'a SimulatedSurface,
     /// Of each node.
     at: Vec<SurfacePoint>,
     /// m².
@@ -82,7 +82,7 @@ impl<'a> SurfaceTrial<'a> {
     ///
     /// # Errors
     /// Displacement fields that can't be read.
-    pub fn new(body: &'a Body, boundary: &'a Boundary) -> palpate_body::Result<Option<Self>> {
+    pub fn new(body: &'a Body, boundary: &'a SimulatedSurface) -> palpate_body::Result<Option<Self>> {
         if boundary.faces.is_empty() {
             return Ok(None);
         }
