@@ -1,6 +1,7 @@
 //! The body: everything the engine reads, immutable and checked once.
 
 use crate::curve::Curve;
+use crate::displacement::{DisplacementFields, StoredFields};
 use crate::error::{BodyError, Result};
 use crate::gradient::Gradients;
 use crate::model::{ContactModel, identity, sampled};
@@ -338,6 +339,8 @@ pub struct Body {
     pub(crate) coupled: Option<CoupledLaw>,
     pub(crate) test_point_nodes: Vec<u32>,
     pub(crate) provenance: Provenance,
+    /// How the surface moves, which no step reads.
+    pub(crate) displacements: Option<StoredFields>,
 }
 
 impl std::ops::Deref for Body {
@@ -429,7 +432,28 @@ impl Body {
             coupled,
             test_point_nodes,
             provenance,
+            displacements: None,
         })
+    }
+
+    /// The same with these displacement fields, or without any.
+    ///
+    /// # Errors
+    /// Fields for another number of test points.
+    pub fn with_displacement_fields(mut self, fields: Option<DisplacementFields>) -> Result<Self> {
+        if let Some(fields) = &fields {
+            fields.check_blends(self.test_point_nodes.len())?;
+        }
+        self.displacements = fields.map(StoredFields::in_memory);
+        Ok(self)
+    }
+
+    /// The displacement fields, if it has any. Of a body that was opened they are read from its file at the first call.
+    ///
+    /// # Errors
+    /// The file can't be read any more, or its fields are damaged.
+    pub fn displacement_fields(&self) -> Result<Option<&DisplacementFields>> {
+        self.displacements.as_ref().map(StoredFields::get).transpose()
     }
 
     /// The same with the tank that keeps slip from giving out energy, or without.
@@ -488,7 +512,8 @@ impl Body {
         self.model.gradients.get_or_init(|| Gradients::new(&self.model, &self.curves))
     }
 
-    /// What it is made of, as [`Body::new`] takes it: to make another body that differs in some of it.
+    /// What it is made of, as [`Body::new`] takes it: to make another body that differs in some of it. Displacement fields are not
+    /// among it ([`Body::with_displacement_fields`]).
     pub fn parts(&self) -> BodyParts {
         BodyParts {
             surface: Surface {

@@ -6,6 +6,7 @@
 
 use crate::body::{BlendWeights, Body, BodyParts, Provenance, SlipRule};
 use crate::curve::{Curve, Extension, check_knots};
+use crate::displacement::{DisplacementFields, FieldSizes, StoredFields, field_layout};
 use crate::error::{BodyError, Result};
 use crate::law::QUANTITIES;
 use crate::potential::{CoupledLaw, EXTENSIONS, Potential, QUANTITY_NAMES, check_range};
@@ -27,7 +28,7 @@ const _: () =
 
 const SCHEMA: &str = "palpate-body";
 /// What this program reads up to. A body is written in the least version that holds all of it.
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 const UNITS: &str = "SI: m, N, J";
 
 /// Bytes of the header's length, which the file begins with.
@@ -51,12 +52,16 @@ struct Sizes {
     coupled: bool,
     /// Whether slip is kept from giving out energy: version 4, too.
     tank: bool,
+    /// How the surface moves: version 5.
+    fields: Option<FieldSizes>,
 }
 
 impl Sizes {
     /// The least version that holds it.
     fn version(&self) -> u32 {
-        if self.coupled || self.tank {
+        if self.fields.is_some() {
+            5
+        } else if self.coupled || self.tank {
             4
         } else if self.other_slip {
             3
@@ -101,7 +106,9 @@ fn layout(s: &Sizes) -> Vec<(&'static str, Dtype, Vec<usize>)> {
         ("twins", U32, vec![s.elements, 3]),
         ("test_point_nodes", U32, vec![s.test_points]),
     ];
-    lateral_tensors.into_iter().chain(geometry).chain(law).chain(numbers).collect()
+    let [wide, field_numbers, narrow] = s.fields.as_ref().map(field_layout).unwrap_or_default();
+    let doubles = lateral_tensors.into_iter().chain(geometry).chain(law).chain(wide);
+    doubles.chain(numbers).chain(field_numbers).chain(narrow).collect()
 }
 
 /// A tensor of curves.
@@ -240,8 +247,17 @@ impl Body {
     /// # Errors
     /// The file can't be read, is no body file, is damaged, or was made by a newer version.
     pub fn open(path: &Path) -> Result<Self> {
-        let (_, bytes) = mapped(path)?;
-        Self::from_bytes(&bytes).map_err(|e| e.in_file(path))
+        let (source, bytes) = mapped(path)?;
+        let open = || {
+            let file = File::parse(&bytes)?;
+            let mut body = Self::from_file(&file)?;
+            // They stay where they are until somebody asks for them.
+            let test_points = body.test_point_nodes.len();
+            let fields = |tensors| StoredFields::in_file(path.to_path_buf(), source, tensors, test_points);
+            body.displacements = file.field_places().map(fields).transpose()?;
+            Ok(body)
+        };
+        open().map_err(|e: BodyError| e.in_file(path))
     }
 
     /// The body in the bytes of a body file, which may be unaligned.
@@ -250,6 +266,15 @@ impl Body {
     /// As [`Body::open`]; the place names the tensor or metadata key.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
         let file = File::parse(bytes)?;
+        let body = Self::from_file(&file)?;
+        let test_points = body.test_point_nodes.len();
+        let read = |name: &'static str| Ok(file.bytes(name).to_vec());
+        let fields = file.field_places().map(|_| DisplacementFields::from_tensors(test_points, read));
+        body.with_displacement_fields(fields.transpose()?)
+    }
+
+    /// All but displacement fields.
+    fn from_file(file: &File<'_>) -> Result<Self> {
         let test_point_nodes: Vec<u32> = pod_collect_to_vec(file.bytes("test_point_nodes"));
         let (mut responses, mut coupled) = (Vec::new(), None);
         if let Some(header) = file.coupled()? {
@@ -298,8 +323,9 @@ impl Body {
         Ok(bytes)
     }
 
-    fn sizes(&self) -> Sizes {
-        Sizes {
+    fn sizes(&self) -> Result<Sizes> {
+        Ok(Sizes {
+            fields: self.displacement_fields()?.map(DisplacementFields::sizes),
             nodes: self.nodes.len(),
             elements: self.elements.len(),
             test_points: self.test_point_nodes.len(),
@@ -309,7 +335,7 @@ impl Body {
             other_slip: self.slip != SlipRule::Paper,
             coupled: self.coupled.is_some(),
             tank: self.has_tank(),
-        }
+        })
     }
 
     /// The header behind its length, padded so that the tensors begin at a multiple of 8.
@@ -325,7 +351,7 @@ impl Body {
         }
         let mut tensors = BTreeMap::new();
         let mut end = 0;
-        let sizes = self.sizes();
+        let sizes = self.sizes()?;
         for (name, dtype, shape) in layout(&sizes) {
             let start = end;
             end += shape.iter().product::<usize>() * (dtype.bitsize() / 8);
@@ -364,7 +390,8 @@ impl Body {
 
     fn write(&self, header: &[u8], out: &mut dyn Write) -> io::Result<()> {
         out.write_all(header)?;
-        layout(&self.sizes()).iter().try_for_each(|(name, ..)| self.write_tensor(name, out))
+        let sizes = self.sizes().map_err(io::Error::other)?;
+        layout(&sizes).iter().try_for_each(|(name, ..)| self.write_tensor(name, out))
     }
 
     fn write_tensor(&self, name: &str, out: &mut dyn Write) -> io::Result<()> {
@@ -391,7 +418,12 @@ impl Body {
             "triangles" => elements.iter().try_for_each(|e| put(bytes_of(&e.nodes))),
             "twins" => elements.iter().try_for_each(|e| put(bytes_of(&e.twins))),
             "test_point_nodes" => put(cast_slice(&self.test_point_nodes)),
-            other => Err(io::Error::other(format!("no tensor is called {other}"))),
+            other => {
+                match self.displacement_fields().map_err(io::Error::other)?.and_then(|f| f.tensor(other)) {
+                    Some(bytes) => put(&bytes),
+                    None => Err(io::Error::other(format!("no tensor is called {other}"))),
+                }
+            }
         }
     }
 }
@@ -506,7 +538,8 @@ impl<'a> File<'a> {
     }
 
     fn check_layout(&self, version: u32) -> Result<()> {
-        let count = |name| self.header.info(name).and_then(|t| t.shape.first().copied()).unwrap_or(0);
+        let rows = |name: &str| self.header.info(name).and_then(|t| t.shape.first().copied());
+        let count = |name| rows(name).unwrap_or(0);
         let layout = layout(&Sizes {
             nodes: count("positions"),
             elements: count("triangles"),
@@ -517,6 +550,7 @@ impl<'a> File<'a> {
             anisotropic: version >= 2 && self.header.info("lateral_tensors").is_some(),
             other_slip: version >= 3,
             tank: version >= 4,
+            fields: if version >= 5 { FieldSizes::of(rows) } else { None },
         });
         for (name, dtype, shape) in &layout {
             let problem = match self.header.info(name) {
@@ -610,6 +644,13 @@ impl<'a> File<'a> {
             Ok(knots)
         };
         Ok(SharedKnots { depth: knots("depth_knots_m")?, lateral: knots("lateral_knots_m")? })
+    }
+
+    /// Where displacement fields' tensors begin in the file, and how long they are, bytes; none where there are no fields.
+    fn field_places(&self) -> Option<BTreeMap<&'static str, (u64, u64)>> {
+        let sizes = FieldSizes::of(|name| self.header.info(name).and_then(|t| t.shape.first().copied()))?;
+        let tensors = field_layout(&sizes).into_iter().flatten();
+        Some(tensors.map(|(name, ..)| (name, (self.place(name), self.bytes(name).len() as u64))).collect())
     }
 
     /// Where the data begin in the file, and a tensor in them, bytes.

@@ -35,6 +35,7 @@
 
 pub mod body;
 pub mod curve;
+pub mod displacement;
 pub mod error;
 pub mod file;
 pub mod gradient;
@@ -63,6 +64,7 @@ pub use body::{
     PotentialErrors, Provenance, SlipRule, StateErrors, Tool,
 };
 pub use curve::{Curve, Extension, Interpolation};
+pub use displacement::{ContactState, Deformer, DisplacementFields, FieldSet, FieldSurface, PlaceField};
 pub use error::{BodyError, Result};
 pub use gradient::{
     Coefficients, CoupledEnergies, DecoupledEnergies, EnergyCache, GradientBound, Gradients, PointEnergies,

@@ -203,7 +203,7 @@ impl Body {
             potentials.iter_mut().zip(&test_point_nodes).for_each(at);
             CoupledLaw { potentials, ..law }
         });
-        let body = Body::new(BodyParts {
+        let mut body = Body::new(BodyParts {
             surface,
             blends,
             responses: self.curves.clone(),
@@ -215,6 +215,8 @@ impl Body {
             tank: self.tank,
             provenance: self.provenance.clone(),
         })?;
+        // They are given on a surface of their own, for the same test points.
+        body.displacements = self.displacements.clone();
         Ok((body, reduced))
     }
 

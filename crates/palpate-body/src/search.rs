@@ -9,6 +9,7 @@ mod tree;
 
 pub use mesh::MeshSearch;
 pub use nearest::Nearest;
+pub(crate) use nearest::nearest_on_triangle;
 pub use touch::Touch;
 pub(crate) use tree::Search;
 

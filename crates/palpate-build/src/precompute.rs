@@ -2,6 +2,7 @@
 
 pub mod assemble;
 pub mod elements;
+pub mod fields;
 mod of_spec;
 pub mod prepare;
 pub mod run;

@@ -37,6 +37,8 @@ pub struct Spec {
     pub crease_angle: Option<f64>,
     /// How far facets may be from the smooth surface, m; 0: as they are. `None`: the spec does not say.
     pub sagitta_m: Option<f64>,
+    /// Whether a simulated body keeps its displacement fields. `None`: the spec does not say.
+    pub displacements: Option<bool>,
     /// Coefficients over depth.
     pub friction: Option<Friction>,
     /// How far the responses reach.
@@ -106,6 +108,7 @@ struct RawBody {
     open: bool,
     crease_angle_deg: Option<Spanned<f64>>,
     sagitta_um: Option<Spanned<f64>>,
+    displacements: Option<bool>,
     shape: Option<Spanned<ShapeSpec>>,
     fixed: Option<toml::Value>,
 }
@@ -134,6 +137,7 @@ impl Spec {
             ("[mesh]", raw.mesh.is_some()),
             ("[fit]", raw.fit.is_some()),
             ("[[body.fixed]]", body.is_some_and(|b| b.fixed.is_some())),
+            ("[body] displacements", body.is_some_and(|b| b.displacements.is_some())),
             (
                 "[tool] contact",
                 raw.tool
@@ -156,6 +160,7 @@ impl Spec {
             open: body.is_some_and(|b| b.open),
             crease_angle: crease_angle.transpose()?,
             sagitta_m: sagitta.transpose()?,
+            displacements: body.and_then(|b| b.displacements),
             friction: raw.friction.as_ref().map(|f| friction(&source, f)).transpose()?,
             deflection: raw.deflection.as_ref().map(|d| deflection(&source, d)).transpose()?,
             tool: raw.tool.as_ref().map_or(Ok(ToolShape::Point), |t| tool(&source, t))?.of_body(),

@@ -17,7 +17,7 @@ use palpate_body::curve::between_rows;
 use palpate_simulate::{FreePlan, Path as LoadPath, PointPaths, PointPlan, State};
 use place::{Ground, Place};
 use rayon::prelude::*;
-use render::{Variant, own_potential, variants};
+use render::{Rendered, Variant, own_potential, variants};
 use serde::Serialize;
 
 mod errors;
@@ -27,11 +27,14 @@ mod place;
 mod press;
 mod render;
 mod report;
+mod surface;
 
 pub use errors::{Errors, Percentiles, PhaseErrors, Sliding, Spread, median, percentile};
 pub use kept::Kept;
 pub use render::{held_force, sticking};
 pub use report::Measure;
+use surface::SurfaceTrial;
+pub use surface::{SimulatedSurface, SurfaceError, SurfaceErrors};
 
 /// What is simulated and rendered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
@@ -98,6 +101,11 @@ pub trait Simulator: Sync {
     /// Presses and drags sticking for a place's own potential: with the tangents.
     fn own_paths(&self, plan: &PointPlan) -> Option<PointPaths> {
         self.press(plan, true)
+    }
+
+    /// What displacements of states are given on; nothing where it gives none.
+    fn surface(&self) -> SimulatedSurface {
+        SimulatedSurface::default()
     }
 
     /// What to press and drag for a place's own potential; none where nobody asks for it.
@@ -337,6 +345,9 @@ pub struct PathResult {
     /// State by state.
     #[serde(skip)]
     pub states: Vec<Compared>,
+    /// The deformed surface at the states that touch on both sides; and a dimple's in its place.
+    #[serde(skip)]
+    pub surface: [Vec<SurfaceError>; 2],
 }
 
 impl PathResult {
@@ -375,6 +386,10 @@ pub struct Validation {
     pub sliding: Option<Sliding>,
     /// Every source's errors.
     pub sources: Vec<SourceSummary>,
+    /// Of the deformed surface, where the simulator gives displacements.
+    pub surface: Option<SurfaceErrors>,
+    /// The same of a dimple that only fits depth and tool, where the body has displacement fields.
+    pub dimple: Option<SurfaceErrors>,
     /// Paths without any state, which count nowhere.
     pub failed: usize,
     /// Paths that ended early, which count as far as they went.
@@ -508,6 +523,13 @@ pub fn validate(
     }
     let ground = Ground::new(body, &trial.touchable, trial.at_test_points)?;
     let variants = variants(body, trial)?;
+    let boundary = simulator.surface();
+    let plain = body.clone().with_displacement_fields(None)?;
+    let dimple = match body.displacement_fields()? {
+        Some(_) => SurfaceTrial::new(&plain, &boundary)?,
+        None => None,
+    };
+    let surfaces = [SurfaceTrial::new(body, &boundary)?, dimple];
     let results: Option<Vec<Option<PathResult>>> = (0..trial.paths)
         .into_par_iter()
         .map(|path| {
@@ -518,7 +540,8 @@ pub fn validate(
                 let paths = simulator.own_paths(&plan)?;
                 further.extend(own_potential(body, trial, &tried.place, &plan, &paths, &variants));
             }
-            let result = compare(body, trial.history, &tried, &simulated, variants.iter().chain(&further));
+            let variants = variants.iter().chain(&further);
+            let result = compare(body, trial.history, &tried, &simulated, &surfaces, variants);
             progress();
             Some(result)
         })
@@ -540,7 +563,13 @@ pub fn validate(
         let (_, errors) = errors(Source::Body, &|s| s.phase() == phase);
         PhaseErrors { phase, errors }
     });
+    let surface = |which: usize| {
+        let states: Vec<SurfaceError> = paths.iter().flat_map(|p| p.surface[which].iter().copied()).collect();
+        SurfaceErrors::new(&states)
+    };
     Ok(Validation {
+        surface: surface(0),
+        dimple: surface(1),
         history: trial.history,
         seed: trial.seed,
         at_test_points: trial.at_test_points,
@@ -560,6 +589,7 @@ fn compare<'v>(
     history: History,
     tried: &Tried,
     simulated: &Simulated,
+    surfaces: &[Option<SurfaceTrial<'_>>; 2],
     variants: impl Iterator<Item = &'v Variant> + Clone,
 ) -> Option<PathResult> {
     let (found, stopped) = tried.states(simulated);
@@ -576,14 +606,20 @@ fn compare<'v>(
         Simulated::Press(_) if history == History::Stick => Some(tried.place.at),
         _ => None,
     };
-    let mut normals = Vec::new();
+    let (mut normals, mut touched) = (Vec::new(), Vec::new());
     for variant in variants.clone() {
-        let (forces, there) = variant.forces(start, u, &offsets, held);
+        let Rendered { forces, normals: there, contacts } = variant.forces(start, u, &offsets, held);
         if variant.source == Source::Body {
-            normals = there;
+            (normals, touched) = (there, contacts);
         }
         rendered.push((variant.source, forces));
     }
+    let surface = surfaces.each_ref().map(|trial| {
+        let states = touched.iter().zip(&offsets).zip(&found).filter(|(_, s)| s.force_n != DVec3::ZERO);
+        let states =
+            states.map(|((at, offset), s)| (*at, start + *offset, offset.dot(u), &s.displacement_m[..]));
+        trial.as_ref().map_or(Vec::new(), |trial| trial.compare(states))
+    });
     match (simulated, &tried.plan) {
         (Simulated::Press(paths), Plan::Press(plan)) if plan.drags.len() > 1 => {
             let which = [(Source::OwnCurves, 1..plan.drags.len()), (Source::OwnCurvesAtDepth, 0..1)];
@@ -597,7 +633,7 @@ fn compare<'v>(
             let source = Source::PressureFriction;
             let variant = variants.clone().next().zip(pressures_hold(&found, u));
             let variant = variant.map(|(v, scale)| v.with_friction(source, scale));
-            rendered.extend(variant.map(|v| (source, v.forces(start, u, &offsets, held).0)));
+            rendered.extend(variant.map(|v| (source, v.forces(start, u, &offsets, held).forces)));
         }
         _ => {}
     }
@@ -631,6 +667,7 @@ fn compare<'v>(
         stopped,
         sources: sources.collect(),
         states,
+        surface,
     })
 }
 

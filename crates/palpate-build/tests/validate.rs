@@ -3,12 +3,12 @@
 use glam::DVec3;
 use palpate_body::shape::{Resolution, Shape};
 use palpate_body::{
-    Body, BodyParts, CoupledLaw, Curve, Extension, Interpolation, Potential, PotentialErrors, Provenance,
-    Response, SlipRule, SurfacePoint, Tool, tensor,
+    Body, BodyParts, ContactState, CoupledLaw, Curve, Deformer, Extension, Interpolation, Potential,
+    PotentialErrors, Provenance, Response, SlipRule, SurfacePoint, Tool, tensor,
 };
 use palpate_build::validate::{
-    Errors, History, Kept, Measure, Phase, Simulator, Source, Trial, Validation, held_force, sticking,
-    validate,
+    Errors, History, Kept, Measure, Phase, SimulatedSurface, Simulator, Source, Trial, Validation,
+    held_force, sticking, validate,
 };
 use palpate_engine::{Ablation, Contact, Flags, Output, ToolState, Waypoint, rollout};
 use palpate_identify::{Amount, spread, test_points};
@@ -774,4 +774,98 @@ fn kept_paths_are_not_simulated_again() {
     assert_eq!((&again, count), (&simulated, 1));
     assert_eq!(run("a").1, 0, "the line after the one that was cut off can't be read");
     assert_eq!(run("b").1, PATHS);
+}
+
+/// A simulator whose surface moves `scale` times as much as the body's own.
+struct Moving<'b> {
+    body: &'b Body,
+    scale: f64,
+    /// The body's nodes, and the middles of its edges behind them.
+    faces: Vec<[u32; 6]>,
+    middles: Vec<[u32; 2]>,
+}
+
+impl<'b> Moving<'b> {
+    fn new(body: &'b Body, scale: f64) -> Self {
+        let (mut faces, mut middles) = (Vec::new(), Vec::new());
+        for element in body.elements() {
+            let [a, b, c] = element.nodes;
+            let first = (body.nodes().len() + middles.len()) as u32;
+            middles.extend([[a, b], [b, c], [c, a]]);
+            faces.push([a, b, c, first, first + 1, first + 2]);
+        }
+        Moving { body, scale, faces, middles }
+    }
+
+    fn with_middles(&self, mut nodes: Vec<DVec3>) -> Vec<DVec3> {
+        let middles = self.middles.iter().map(|e| (nodes[e[0] as usize] + nodes[e[1] as usize]) * 0.5);
+        let middles: Vec<DVec3> = middles.collect();
+        nodes.extend(middles);
+        nodes
+    }
+}
+
+impl Simulator for Moving<'_> {
+    fn press(&self, plan: &PointPlan, _: bool) -> Option<PointPaths> {
+        let at = self.body.nearest(plan.point, 1e-6).unwrap().at;
+        let radius = self.body.tool().radius_m();
+        let outside = plan.point - plan.inward * (2.0 * radius);
+        let way = plan.inward * (radius + 1e-6);
+        let start = outside + way * self.body.first_touch(outside, outside + way, radius).unwrap().fraction;
+        let mut deformer = Deformer::new(self.body).unwrap();
+        let mut state = |depth_m: f64, distance_m: f64, aside: DVec3| {
+            let mut positions = Vec::new();
+            let tool_m = start + plan.inward * depth_m + aside;
+            deformer.displace(self.body, &ContactState { at, tool_m }, &mut positions);
+            let moved = positions.iter().zip(self.body.nodes()).map(|(p, n)| (*p - n.position) * self.scale);
+            let moved = self.with_middles(moved.collect());
+            State {
+                depth_m,
+                distance_m,
+                force_n: held_force(self.body, at, tool_m),
+                displacement_m: moved.iter().map(|u| u.to_array().map(|c| c as f32)).collect(),
+                ..State::default()
+            }
+        };
+        let press = plan.depths.iter().map(|&d| state(d, 0.0, DVec3::ZERO)).collect();
+        let drags = plan.drags.iter().map(|d| {
+            let states =
+                d.distances.iter().map(|&s| state(plan.depths[d.from], s, d.direction * s)).collect();
+            Path { states, stopped: None }
+        });
+        let drags = drags.collect();
+        Some(PointPaths { press: Path { states: press, stopped: None }, drags })
+    }
+
+    fn follow(&self, _: &FreePlan) -> Option<Path> {
+        unreachable!()
+    }
+
+    fn surface(&self) -> SimulatedSurface {
+        let rest = self.body.nodes().iter().map(|n| n.position).collect();
+        SimulatedSurface { positions: self.with_middles(rest), faces: self.faces.clone() }
+    }
+}
+
+#[test]
+fn the_deformed_surface_is_compared_node_by_node() {
+    let body = coupled(5e-3);
+    let measured = |scale: f64| {
+        let trial = trial(&body, History::Stick, 8);
+        validate(&body, &trial, &Moving::new(&body, scale), &|| ()).unwrap()
+    };
+    let own = measured(1.0);
+    let errors = own.surface.unwrap();
+    assert!(errors.states > 50 && errors.rms_percent.worst < 0.01, "{errors:?}");
+    assert!(errors.show_through_percent.worst < 2.0, "{errors:?}");
+    // There are no fields that a dimple could stand for.
+    assert!(own.dimple.is_none());
+    assert!(own.tables().iter().any(|(title, _)| title.contains("deformed surface")));
+    let [tenth, fifth] = [1.1, 1.2].map(|scale| measured(scale).surface.unwrap());
+    assert!(tenth.rms_percent.median > 1.0 && tenth.rms_percent.worst < 12.0, "{tenth:?}");
+    assert!(tenth.near_rms_percent.median > tenth.rms_percent.median, "{tenth:?}");
+    let ratio = fifth.rms_percent.median / tenth.rms_percent.median;
+    assert!((1.9..2.1).contains(&ratio), "{ratio}");
+    // Who gives no displacements is not asked.
+    assert!(free(&body, &Engine::of(&body), 2).surface.is_none());
 }

@@ -5,6 +5,7 @@ pub mod certify;
 pub mod commands;
 pub mod console;
 pub mod demo;
+pub mod glb;
 pub mod inspect;
 pub mod live;
 pub mod plot;

@@ -45,6 +45,10 @@ fn free_paths_are_simulated_rendered_and_reported() {
         let median = found["summary"][error]["of_largest"]["median"].as_f64().unwrap();
         assert!(median > 0.0 && median < 60.0, "{error} {median}");
     }
+    let surface = |of: &str, part: &str| found[of]["rms_percent"][part].as_f64().unwrap();
+    assert!(surface("surface", "median") > 0.0 && surface("surface", "median") < surface("dimple", "median"));
+    assert!(found["surface"]["show_through_percent"]["worst"].as_f64().unwrap() < 2.0);
+    assert!(text.contains("deformed surface"), "{text}");
     // On one thread: the same paths and errors.
     assert_eq!(found, json(&directory, "validate ball.body ball.toml --paths 2 --jobs 1 --json"));
 }

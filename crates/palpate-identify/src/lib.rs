@@ -44,5 +44,5 @@ pub use fit::{Fit, FitOptions, FitReport, PointReport, fit};
 pub use paths::{DragRecord, PathFit, PathOptions, PointFit, PointRecord, fit_paths, fit_point};
 pub use potential::{ContactSample, ContactStiffness, PotentialFit, PotentialOptions, fit_potential};
 pub use samples::{Component, Sample, read_samples};
-pub use spread::spread;
+pub use spread::{spread, spread_everywhere};
 pub use test_points::{Amount, spread_among, test_points, touchable};

@@ -47,7 +47,10 @@ pub(crate) fn follow(blend: &mut BlendWeights, values: [f64; 3], target: f64) {
 
 /// As [`spread`], but a part of the surface without a test point, such as the wall of a hollow that no tool reaches,
 /// has the response of the test point nearest in space. Also how many nodes are so.
-pub(crate) fn spread_everywhere(
+///
+/// # Errors
+/// No test point, one that is no node, or two on one vertex.
+pub fn spread_everywhere(
     surface: &Surface,
     test_point_nodes: &[u32],
 ) -> Result<(Vec<BlendWeights>, usize), FitError> {

@@ -1,5 +1,6 @@
 //! The body that a record makes, from nothing but the record.
 
+use super::fields::{MOST_BY_DEFAULT, displacement_fields};
 use super::stops;
 use crate::paths_file::{PathsRecord, Point, TestPoint};
 use crate::refine::to_sagitta;
@@ -9,8 +10,8 @@ use glam::{DMat3, DVec3};
 use palpate_body::refine::DEFAULT_SAGITTA_M;
 use palpate_body::shape::Shape;
 use palpate_body::{
-    BlendWeights, Body, BodyParts, CoupledLaw, InterpolationErrors, PotentialErrors, Provenance, Response,
-    Surface, Tensor, TriangleMesh,
+    BlendWeights, Body, BodyParts, CoupledLaw, DisplacementFields, InterpolationErrors, PotentialErrors,
+    Provenance, Response, Surface, Tensor, TriangleMesh,
 };
 use palpate_identify::{
     CoupledOptions, DragRecord, FitReport, PathOptions, PointRecord, fit_coupled, fit_paths,
@@ -122,6 +123,20 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
     // Records of version 1, which name no contact, are of times when nothing was refined: they make the same body still.
     let by_default = if record.plan.contact.is_some() { DEFAULT_SAGITTA_M } else { 0.0 };
     let sagitta_m = spec.sagitta_m.unwrap_or(by_default);
+    let mut fields = None;
+    if spec.displacements != Some(false) {
+        fields = displacement_fields(record, scene, &surface, &test_point_nodes)?;
+    }
+    if let Some(bytes) = fields.as_ref().map(DisplacementFields::bytes)
+        && bytes > MOST_BY_DEFAULT
+        && spec.displacements.is_none()
+    {
+        let megabytes = bytes / 1_000_000;
+        provenance.notes.push(format!(
+            "its displacement fields, {megabytes} MB, are left out; [body] displacements = true keeps them"
+        ));
+        fields = None;
+    }
     let body = Body::new(BodyParts {
         surface,
         blends,
@@ -134,6 +149,7 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
         tank: spec.tank,
         provenance,
     })
+    .and_then(|body| body.with_displacement_fields(fields))
     .and_then(|body| to_sagitta(body, sagitta_m))
     .map_err(in_spec)?;
     Ok(Assembled { body, report, stops: told })
@@ -243,6 +259,8 @@ pub struct Report {
     paths: usize,
     states: usize,
     newton_steps: u64,
+    /// Of the displacement fields in the body, bytes.
+    displacement_bytes: usize,
     stopped: Vec<String>,
     notes: Vec<String>,
     fit: FitReport,
@@ -272,6 +290,11 @@ impl Report {
             paths,
             states,
             newton_steps,
+            displacement_bytes: body
+                .displacement_fields()
+                .ok()
+                .flatten()
+                .map_or(0, DisplacementFields::bytes),
             stopped: stops,
             notes: body.provenance().notes.clone(),
             fit: report,

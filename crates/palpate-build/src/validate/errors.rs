@@ -19,7 +19,7 @@ pub struct Percentiles {
 }
 
 impl Percentiles {
-    fn of(values: impl Iterator<Item = f64>) -> Self {
+    pub(super) fn of(values: impl Iterator<Item = f64>) -> Self {
         let mut sorted: Vec<f64> = values.collect();
         sorted.sort_by(f64::total_cmp);
         Percentiles {
@@ -125,7 +125,7 @@ pub(super) fn ascending<'p>(
     })
 }
 
-fn percent(x: f64, of: f64) -> f64 {
+pub(super) fn percent(x: f64, of: f64) -> f64 {
     if of > 0.0 { 100.0 * x / of } else { 0.0 }
 }
 

@@ -3,7 +3,7 @@
 //! One line of JSON for each path, written as soon as the path is done; a line that is not whole is passed over. A line's key is a
 //! digest of all that the path depends on, so that no path of another spec, mesh or plan is taken for it.
 
-use super::Simulator;
+use super::{SimulatedSurface, Simulator};
 use anyhow::Result;
 use glam::DVec3;
 use palpate_files as files;
@@ -135,6 +135,10 @@ impl Simulator for Kept<'_> {
         let path = self.simulator.follow(plan)?;
         self.keep(key, &[&path]);
         Some(path)
+    }
+
+    fn surface(&self) -> SimulatedSurface {
+        self.simulator.surface()
     }
 
     /// Its tangents are not kept, so the potential of a place is simulated anew.

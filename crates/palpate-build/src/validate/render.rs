@@ -18,6 +18,16 @@ use std::sync::Arc;
 /// Friction that nothing overcomes.
 const ENDLESS: f64 = 1e9;
 
+/// What a path is answered with, state by state.
+pub struct Rendered {
+    /// On the body, N.
+    pub forces: Vec<DVec3>,
+    /// û at each contact point; that of the path where nothing touches.
+    pub normals: Vec<DVec3>,
+    /// Where it touches.
+    pub contacts: Vec<Option<SurfacePoint>>,
+}
+
 /// What renders a path.
 #[derive(Clone)]
 pub struct Variant {
@@ -41,18 +51,23 @@ impl Variant {
         Variant { source, friction: vec![scale], ..self.clone() }
     }
 
-    /// The forces on the body, N, with the tool at these offsets (m) from `start`, which is where it touches
-    /// first; and û at each contact point. Of a coupled body a contact point can be `held`.
+    /// The answer with the tool at these offsets (m) from `start`, which is where it touches first. Of a coupled body a contact
+    /// point can be `held`.
     pub fn forces(
         &self,
         start: DVec3,
         inward: DVec3,
         offsets: &[DVec3],
         held: Option<SurfacePoint>,
-    ) -> (Vec<DVec3>, Vec<DVec3>) {
+    ) -> Rendered {
         if let Some(at) = held.filter(|_| self.body.coupled_law().is_some()) {
             let forces = offsets.iter().map(|&offset| held_force(&self.body, at, start + offset));
-            return (forces.collect(), vec![inward; offsets.len()]);
+            let count = offsets.len();
+            return Rendered {
+                forces: forces.collect(),
+                normals: vec![inward; count],
+                contacts: vec![Some(at); count],
+            };
         }
         /// Between two steps of the engine, m: a hand at 20 mm/s and 1 kHz.
         const STRIDE: f64 = 20e-6;
@@ -70,6 +85,7 @@ impl Variant {
         }
         let mut mean = vec![DVec3::ZERO; offsets.len()];
         let mut normals = vec![inward; offsets.len()];
+        let mut contacts = vec![None; offsets.len()];
         for scale in &self.friction {
             let path = way.iter().enumerate().map(|(k, &offset)| Waypoint {
                 time_s: k as f64 * 1e-3,
@@ -81,11 +97,13 @@ impl Variant {
             for (i, output) in ends.iter().map(|end| &outputs[*end]).enumerate() {
                 mean[i] -= DVec3::from_array(output.force_n) / self.friction.len() as f64;
                 if let Some(c) = output.contact {
-                    normals[i] = self.body.inward(SurfacePoint { element: c.element, n: c.n });
+                    let at = SurfacePoint { element: c.element, n: c.n };
+                    normals[i] = self.body.inward(at);
+                    contacts[i] = Some(at);
                 }
             }
         }
-        (mean, normals)
+        Rendered { forces: mean, normals, contacts }
     }
 }
 

@@ -82,6 +82,21 @@ impl Validation {
             let title = format!("sustained sliding ({} states), in parts of μ f_z", s.states);
             tables.push((title, headed(&[""], &["median", "p95", "worst"], rows.into_iter())));
         }
+        if let Some(s) = self.surface {
+            let row = |what: &str, p: Percentiles| {
+                let values = [p.median, p.p95, p.worst].map(|x| format!("{x:.1}"));
+                std::iter::once(what.to_owned()).chain(values).collect()
+            };
+            let mut rows = vec![
+                row("root mean square over what moves", s.rms_percent),
+                row("the same near the contact", s.near_rms_percent),
+                row("the tool shows through", s.show_through_percent),
+                row("root mean square, all states, of the path's depth", s.rms_of_deepest_percent),
+            ];
+            rows.extend(self.dimple.map(|d| row("root mean square of a plain dimple", d.rms_percent)));
+            let title = format!("deformed surface ({} states), in % of the depth there", s.states);
+            tables.push((title, headed(&["error"], &["median", "p95", "worst"], rows.into_iter())));
+        }
         tables
     }
 

@@ -14,7 +14,9 @@ use palpate_build::precompute::assemble::friction;
 use palpate_build::precompute::elements::Elements;
 use palpate_build::precompute::prepare::{inputs_of, margin, point_plan, prepare};
 use palpate_build::spec::{self, Simulation, Spec};
-use palpate_build::validate::{self, Kept, Simulator, Trial, Validation, touchable, validate};
+use palpate_build::validate::{
+    self, Kept, SimulatedSurface, Simulator, Trial, Validation, touchable, validate,
+};
 use palpate_files as files;
 use palpate_simulate::{Contact, FreePlan, PointPaths, PointPlan};
 use std::path::{Path, PathBuf};
@@ -227,6 +229,16 @@ impl Simulator for Cancellable<'_> {
     fn follow(&self, plan: &FreePlan) -> Option<palpate_simulate::Path> {
         let model = self.solver.model();
         self.unless_cancelled(|| model.follow(self.solver.tool(), plan, self.cancelled))
+    }
+
+    fn surface(&self) -> SimulatedSurface {
+        let model = self.solver.model();
+        let boundary = model.boundary();
+        let index = |n: &u32| boundary.nodes.binary_search(n).unwrap_or_default() as u32;
+        SimulatedSurface {
+            positions: boundary.nodes.iter().map(|n| model.mesh().positions[*n as usize]).collect(),
+            faces: boundary.faces.iter().map(|face| face.each_ref().map(index)).collect(),
+        }
     }
 
     fn own_plan(&self, point: DVec3, inward: DVec3) -> Option<PointPlan> {
