@@ -300,9 +300,10 @@ fn the_cpp_header_serves_with_and_without_exceptions() {
 #[test]
 fn the_pages_programs_compile() {
     let page = std::fs::read_to_string(here("../../docs/c.md")).unwrap();
-    let block = |language: &str| {
-        let from = page.split_once(&format!("```{language}\n")).unwrap().1;
-        from.split_once("```").unwrap().0.to_owned()
+    // One after the other, as one program.
+    let block = |language: &str| -> String {
+        let fence = format!("```{language}\n");
+        page.split(&fence).skip(1).map(|from| from.split_once("```").unwrap().0).collect()
     };
     let (c, cpp) = (block("c"), block("cpp"));
     let around = [

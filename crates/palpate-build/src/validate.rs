@@ -20,6 +20,7 @@ use rayon::prelude::*;
 use render::{Variant, own_potential, variants};
 use serde::Serialize;
 
+mod against;
 mod errors;
 mod free;
 mod place;
@@ -27,6 +28,7 @@ mod press;
 mod render;
 mod report;
 
+pub use against::{Against, is_of_another_spec, validate_against};
 pub use errors::{Errors, Percentiles, PhaseErrors, Sliding, Spread, median, percentile};
 pub use render::{held_force, sticking};
 pub use report::Measure;

@@ -38,6 +38,46 @@ static int wrong = 0;
 
 static palpate_error error = PALPATE_ERROR_INIT;
 
+static void certificates(palpate_body ball)
+{
+    palpate_certify_options options = PALPATE_CERTIFY_OPTIONS_INIT;
+    palpate_loop_device device = PALPATE_LOOP_DEVICE_INIT;
+    palpate_certificate certificate = PALPATE_CERTIFICATE_INIT;
+
+    NULL_(palpate_loop_device_of(NULL, 1000, &device, &error));
+    NULL_(palpate_loop_device_of("touch", 1000, NULL, &error));
+    INVALID(palpate_loop_device_of("wand", 1000, &device, &error));
+    SAYS("falcon");
+    INVALID(palpate_loop_device_of("touch", 0, &device, &error));
+    OK(palpate_loop_device_of("touch", 1000, &device, &error));
+    NULL_(palpate_body_certify(ball, &options, NULL, NULL, NULL, &error));
+    options.device = &device;
+    device.struct_size--;
+    SIZE(palpate_body_certify(ball, &options, NULL, NULL, &certificate, &error));
+    device.struct_size++;
+    options.struct_size--;
+    SIZE(palpate_body_certify(ball, &options, NULL, NULL, &certificate, &error));
+    options.struct_size++;
+    certificate.struct_size++;
+    SIZE(palpate_body_certify(ball, &options, NULL, NULL, &certificate, &error));
+    certificate.struct_size--;
+    options.step_m = -1;
+    INVALID(palpate_body_certify(ball, &options, NULL, NULL, &certificate, &error));
+    SAYS("step_m");
+    CLOSED(palpate_body_certify((palpate_body){12345}, NULL, NULL, NULL, &certificate, &error));
+    /* Little effort proves little, but counts every element. */
+    options.step_m = 1e-4;
+    options.evaluations = 1;
+    options.threads = 2;
+    options.slip_rule = PALPATE_SLIP_PAPER;
+    OK(palpate_body_certify(ball, &options, NULL, NULL, &certificate, &error));
+    if (certificate.passive_proved_elements + certificate.passive_failing_elements +
+            certificate.passive_undecided_elements != certificate.elements) {
+        fprintf(stderr, "elements are missing\n");
+        wrong++;
+    }
+}
+
 static void bodies(palpate_body ball)
 {
     palpate_body_info info = PALPATE_BODY_INFO_INIT;
@@ -70,6 +110,7 @@ static void bodies(palpate_body ball)
     SIZE(palpate_body_inspect(ball, &info));
     info.struct_size++;
     OK(palpate_body_inspect(ball, &info));
+    certificates(ball);
     NULL_(palpate_body_stiffness(ball, depths, NULL, 1, NULL));
     EXPECT(PALPATE_STATUS_TOO_SMALL, palpate_body_stiffness(ball, depths, NULL, 1, &count));
     /* Exactly as long as they must be: one more would be seen. */
