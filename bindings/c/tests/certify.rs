@@ -83,7 +83,7 @@ fn a_certificate_is_the_commands() {
         let body = ball(friction);
         let (handle, mut told) = (opened(&body), error());
         let mut device = touch();
-        (device.damping_n_s_per_m, device.position_error_m) = (0.8, 1e-5);
+        (device.damping_n_s_per_m, device.position_error_m) = (8.0, 1e-5);
         let (options, mut found) = (options(&device), certificate());
         // SAFETY: structs of this version, and a body that is open.
         let status = unsafe {

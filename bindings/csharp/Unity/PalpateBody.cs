@@ -1,4 +1,3 @@
-using System;
 using UnityEngine;
 
 namespace Palpate.Unity
@@ -38,7 +37,15 @@ namespace Palpate.Unity
                 vertices[k] = UnityFrame.ToUnity(new Vec3(positions[3 * k], positions[3 * k + 1], positions[3 * k + 2]));
             var mesh = new Mesh { indexFormat = UnityEngine.Rendering.IndexFormat.UInt32 };
             mesh.vertices = vertices;
-            mesh.triangles = Array.ConvertAll(triangles, corner => (int)corner);
+            // Counter-clockwise from outside there, clockwise here.
+            var corners = new int[triangles.Length];
+            for (int k = 0; k < corners.Length; k += 3)
+            {
+                corners[k] = (int)triangles[k];
+                corners[k + 1] = (int)triangles[k + 2];
+                corners[k + 2] = (int)triangles[k + 1];
+            }
+            mesh.triangles = corners;
             mesh.RecalculateNormals();
             return mesh;
         }
