@@ -179,6 +179,22 @@ struct BodyInfo : palpate_body_info {
     BodyInfo() noexcept : palpate_body_info PALPATE_BODY_INFO_INIT {}
 };
 
+/// For which motions a body is certified; a device in its loop.
+struct CertifyOptions : palpate_certify_options {
+    CertifyOptions() noexcept : palpate_certify_options PALPATE_CERTIFY_OPTIONS_INIT {}
+};
+struct LoopDevice : palpate_loop_device {
+    LoopDevice() noexcept : palpate_loop_device PALPATE_LOOP_DEVICE_INIT {}
+    static Status try_of(const char *name, double rate_hz, LoopDevice &device, Message *message = nullptr) noexcept {
+        return detail::status(palpate_loop_device_of(name, rate_hz, &device, detail::raw(message)));
+    }
+};
+
+/// What is proved of a body. NaN stands for what is not known.
+struct Certificate : palpate_certificate {
+    Certificate() noexcept : palpate_certificate PALPATE_CERTIFICATE_INIT {}
+};
+
 /// How a contact is to be.
 struct ContactOptions : palpate_contact_options {
     ContactOptions() noexcept : palpate_contact_options PALPATE_CONTACT_OPTIONS_INIT {}
@@ -251,6 +267,16 @@ public:
         return detail::status(palpate_body_save(handle(), path, detail::raw(message)));
     }
     Status try_inspect(BodyInfo &info) const noexcept { return detail::status(palpate_body_inspect(handle(), &info)); }
+    /// `progress(done, of)` returns false to end it, is called from the library's threads, and throws nothing.
+    template <class Progress>
+    Status try_certify(const CertifyOptions &options, Progress &progress, Certificate &certificate,
+                       Message *message = nullptr) const noexcept {
+        auto told = [](void *user, const palpate_progress *p) noexcept -> std::int32_t {
+            return (*static_cast<Progress *>(user))(p->points_done, p->points) ? 0 : 1;
+        };
+        return detail::status(
+            palpate_body_certify(handle(), &options, told, &progress, &certificate, detail::raw(message)));
+    }
     Status try_surface(Span<double> positions_m, Span<std::uint32_t> triangles) const noexcept {
         return detail::status(palpate_body_surface(handle(), positions_m.data(), positions_m.size() / 3, triangles.data(),
                                                    triangles.size() / 3));
@@ -278,6 +304,13 @@ public:
         BodyInfo info;
         detail::check(try_inspect(info));
         return info;
+    }
+    Certificate certify(const CertifyOptions &options = CertifyOptions()) const {
+        Certificate certificate;
+        Message message;
+        auto silent = [](std::uint64_t, std::uint64_t) { return true; };
+        detail::check(try_certify(options, silent, certificate, &message), message);
+        return certificate;
     }
 #endif
 

@@ -56,6 +56,11 @@
       { 0 }, { 0 }, { 0 }, { 0 }, { 0 }, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, { 0 }, { 0 }, { 0 }, 0, 0, 0, 0, 0, 0, \
       { 0 }, 0, 0, { 0 }, 0, 0 }
 #define PALPATE_OUTCOME_INIT { (uint32_t)sizeof(palpate_outcome), 0, 0, 0, 0, 0, 0, 0, 0, 0, { 0 } }
+#define PALPATE_LOOP_DEVICE_INIT { (uint32_t)sizeof(palpate_loop_device), 0, 0, 1000.0, 0, 0, 0 }
+#define PALPATE_CERTIFY_OPTIONS_INIT { (uint32_t)sizeof(palpate_certify_options), 0, 0, 0, 1e-3, 0, NULL }
+#define PALPATE_CERTIFICATE_INIT \
+    { (uint32_t)sizeof(palpate_certificate), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, { 0 }, 0, 0, 0, 0, 0, { 0 }, 0, 0, 0, 0, 0, 0, 0, \
+      0, 0, 0, 0, 0, 0, 0, 0, 0, 0 }
 #define PALPATE_DEVICE_INIT \
     { (uint32_t)sizeof(palpate_device), PALPATE_ABI_VERSION, NULL, NULL, NULL, NULL, NULL, NULL, NULL }
 
@@ -271,6 +276,138 @@ typedef struct palpate_body_info {
     // The greatest lateral stiffness in stick, N/m; 0 with a coupled law, which has none apart from the depth.
     double stiffness_aside_n_per_m;
 } palpate_body_info;
+
+// A device in a sampled loop, as certificates ask for it. `PALPATE_LOOP_DEVICE_INIT` has a loop of 1 kHz and zeros;
+// `palpate_loop_device_of` fills it for a device by name.
+typedef struct palpate_loop_device {
+    // Size of this struct, bytes.
+    uint32_t struct_size;
+    // 0.
+    uint32_t reserved;
+    // Viscous damping that is always there, N s/m.
+    double damping_n_s_per_m;
+    // Rate of the loop, Hz.
+    double rate_hz;
+    // Greatest error of a measured position, m: 0.87 steps of the encoder at the tool, half a step along each axis.
+    double position_error_m;
+    // Coulomb friction, N.
+    double coulomb_n;
+    // Samples by which a force comes late, or parts of one.
+    double delay_samples;
+} palpate_loop_device;
+
+// For which motions a body is certified, and with how much effort. `PALPATE_CERTIFY_OPTIONS_INIT` is what `palpate certify` takes.
+typedef struct palpate_certify_options {
+    // Size of this struct, bytes.
+    uint32_t struct_size;
+    // `PALPATE_SLIP_...`; 0 for the body's own.
+    uint32_t slip_rule;
+    // Bounds computed for each element and certificate, at most; 0 for the rule's usual number.
+    uint32_t evaluations;
+    // Threads; 0 for one on each core.
+    uint32_t threads;
+    // Longest way of the tool from one step to the next, m.
+    double step_m;
+    // Deepest that the tool goes, m; 0 for the end of the body's responses.
+    double depth_m;
+    // The device whose loop is judged, too; null for none.
+    const struct palpate_loop_device *device;
+} palpate_certify_options;
+
+// How far a body from a spec, or its certificate, is. It lives as long as the call of the progress function.
+typedef struct palpate_progress {
+    // Size of this struct, bytes; set by the library.
+    uint32_t struct_size;
+    // 0.
+    uint32_t reserved;
+    // Test points, or elements, that are done.
+    uint64_t points_done;
+    // Of how many; 0 as long as that is not known. Where test points are added in rounds it grows.
+    uint64_t points;
+    // Something that deserves to be said, UTF-8 that ends in a zero; else null.
+    const char *message;
+} palpate_progress;
+
+// Hears how far it is. It returns 0 to go on, and anything else to end it: what was done is kept in the work folder. Called from threads
+// of the library's, one call at a time.
+typedef int32_t (*palpate_progress_function)(void *user, const struct palpate_progress *progress);
+
+// What is proved of a body, in numbers. A margin is the least over the whole body, a bound and not a sample: 0 or more is proved. NaN stands
+// for what is not known, or not there.
+typedef struct palpate_certificate {
+    // Size of this struct, bytes.
+    uint32_t struct_size;
+    // The slip rule that it speaks of: `PALPATE_SLIP_...`.
+    uint32_t slip_rule;
+    // 1 if it is proved on every element that no slip makes energy out of nothing. A body with the tank gives out no more than it
+    // took even where this is 0.
+    uint32_t passive_holds;
+    // 1 if it is proved on every element that no slip runs away, so that the force does not jump.
+    uint32_t snap_free_holds;
+    // The energy that a slip takes out, as a share of the forces: proved.
+    double passive_margin;
+    // The least that was found of it.
+    double passive_found;
+    // Elements on which it is proved.
+    uint64_t passive_proved_elements;
+    // Elements on which a state was found that breaks it.
+    uint64_t passive_failing_elements;
+    // Elements on which neither was found out.
+    uint64_t passive_undecided_elements;
+    // The element where the least was found; `PALPATE_NO_ELEMENT` if nothing slips.
+    uint32_t passive_worst_element;
+    // The element where the least of `snap_free_found_n_per_m` was found, or `PALPATE_NO_ELEMENT`.
+    uint32_t snap_free_worst_element;
+    // The contact point there, m.
+    double passive_worst_m[3];
+    // The slope with which a slip comes to rest, N/m: proved.
+    double snap_free_margin_n_per_m;
+    // The least that was found of it, N/m.
+    double snap_free_found_n_per_m;
+    // Elements on which it is proved.
+    uint64_t snap_free_proved_elements;
+    // Elements on which a state was found that breaks it, or along a crease.
+    uint64_t snap_free_failing_elements;
+    // Elements on which neither was found out.
+    uint64_t snap_free_undecided_elements;
+    // The contact point where the least was found, m.
+    double snap_free_worst_m[3];
+    // No force changes faster with the tool's position, N/m: proved; NaN where `snap_free_holds` is 0.
+    double lipschitz_n_per_m;
+    // The greatest that was found of it, N/m.
+    double lipschitz_found_n_per_m;
+    // The greatest stiffness, N/m.
+    double stiffness_max_n_per_m;
+    // To this depth it holds, m.
+    double depth_m;
+    // For tools that go no farther from step to step, m.
+    double step_m;
+    // Of a coupled law: to this lateral deflection, m; NaN with curves.
+    double lateral_m;
+    // From this depth on passivity is looked into, m; 0 with curves.
+    double passive_from_m;
+    // Elements.
+    uint64_t elements;
+    // Edges over which a contact ends with the force it has.
+    uint64_t border_edges;
+    // Elements along creases, where the force jumps and passivity is not looked into.
+    uint64_t creased_elements;
+    // Elements on which friction can hold beyond ten times the lateral curves: not followed so far.
+    uint64_t too_far_elements;
+    // The greatest stiffness that the device can hold, N/m. NaN, like the three below, without a device, and where its delay or error of
+    // position makes it a matter of what is not proved.
+    double device_stiffness_limit_n_per_m;
+    // The depth down to which no place of the body is stiffer, m; 0 if it is too stiff laterally at any depth.
+    double device_depth_limit_m;
+    // The normal force up to which no place is as deep, N; NaN with a coupled law.
+    double device_force_limit_n;
+    // The contact point's way by the tool's, at most; NaN where it was not asked for or is not bounded.
+    double device_contact_way_ratio;
+    // 1 if the depth limit is all the depth that the responses know.
+    uint32_t device_whole_depth;
+    // 0.
+    uint32_t reserved;
+} palpate_certificate;
 
 // How a contact is to be. `PALPATE_CONTACT_OPTIONS_INIT` is what the body asks for.
 typedef struct palpate_contact_options {
@@ -559,24 +696,6 @@ typedef struct palpate_body_arrays {
     uint32_t reserved;
 } palpate_body_arrays;
 
-// How far a body from a spec is. It lives as long as the call of the progress function.
-typedef struct palpate_progress {
-    // Size of this struct, bytes; set by the library.
-    uint32_t struct_size;
-    // 0.
-    uint32_t reserved;
-    // Test points that are done.
-    uint64_t points_done;
-    // Of how many; 0 as long as that is not known. Where test points are added in rounds it grows.
-    uint64_t points;
-    // Something that deserves to be said, UTF-8 that ends in a zero; else null.
-    const char *message;
-} palpate_progress;
-
-// Hears how far it is. It returns 0 to go on, and anything else to end it: what was done is kept in the work folder. Called from threads
-// of the library's, one call at a time.
-typedef int32_t (*palpate_progress_function)(void *user, const struct palpate_progress *progress);
-
 // A tool's path in the body's frame.
 typedef struct palpate_path {
     // Size of this struct, bytes.
@@ -829,7 +948,8 @@ uint32_t palpate_abi_version(void);
 // Real-time: O(1).
 palpate_status palpate_check_abi(uint32_t abi_version);
 
-// The library's version, such as "0.1.0": a string that lives as long as the library. Real-time: O(1).
+// The library's version, commit and features, such as "0.1.0 (commit 0123456789ab; features: devices, simulate)": a string that
+// lives as long as the library. Real-time: O(1).
 const char *palpate_version(void);
 
 // What is built in: a sum of `PALPATE_FEATURE_...`. Real-time: O(1).
@@ -860,8 +980,8 @@ palpate_status palpate_body_inspect(struct palpate_body body, struct palpate_bod
 
 // The greatest stiffness at each depth to which the body's responses were found (its depth knots): writes up to `capacity` depths, m, to
 // `depths_m` and stiffnesses, N/m, to `stiffness_n_per_m`, and to `*count` how many there are. Either array may be null.
-// `PALPATE_STATUS_TOO_SMALL` if there are more than `capacity`. A certificate of more than that is what `palpate certify`
-// prints. Not real-time.
+// `PALPATE_STATUS_TOO_SMALL` if there are more than `capacity`. `palpate_body_certify` certifies
+// more than that. Not real-time.
 palpate_status palpate_body_stiffness(struct palpate_body body,
                                       double *depths_m,
                                       double *stiffness_n_per_m,
@@ -881,6 +1001,26 @@ palpate_status palpate_body_surface(struct palpate_body body,
 // Closes a handle. Contacts and sessions on the body keep it for as long as they need it.
 // `PALPATE_STATUS_CLOSED` if it was closed before. Not real-time: it may free memory.
 palpate_status palpate_body_close(struct palpate_body body);
+
+// What is known, or guessed, of a device by its name, in a loop of `rate_hz`: "bench", "touch", "omni", "desktop", "omega", "delta",
+// "sigma", "lambda" or "falcon" (docs/closed-loop.md says what is guessed).
+// Fails with `PALPATE_STATUS_INVALID`: no such name, or no such rate. Not real-time.
+palpate_status palpate_loop_device_of(const char *name,
+                                      double rate_hz,
+                                      struct palpate_loop_device *device,
+                                      struct palpate_error *error);
+
+// Proves that a body is passive and free of snaps, or shows where it is not: for every element, all depths and all directions of slip, by
+// bounds up to rounding (docs/passivity.md). With a device, down to where its sampled loop is passive. `options` may be null.
+// `progress` (may be null) hears of elements, and is given `user`.
+// Fails with `PALPATE_STATUS_INVALID` (a value) or `PALPATE_STATUS_CANCELLED` (`progress` said so).
+// Not real-time: seconds to hours, on threads of its own, which end with the call.
+palpate_status palpate_body_certify(struct palpate_body body,
+                                    const struct palpate_certify_options *options,
+                                    palpate_progress_function progress,
+                                    void *user,
+                                    struct palpate_certificate *certificate,
+                                    struct palpate_error *error);
 
 // Makes a contact on `body`, as `options` say (null for what the body asks for), and writes a handle to `*contact`. It keeps the body
 // for as long as it is open. The first step's pose counts as where the tool comes from.

@@ -207,8 +207,8 @@ pub unsafe extern "C" fn palpate_body_inspect(
 
 /// The greatest stiffness at each depth to which the body's responses were found (its depth knots): writes up to `capacity` depths, m, to
 /// `depths_m` and stiffnesses, N/m, to `stiffness_n_per_m`, and to `*count` how many there are. Either array may be null.
-/// `PALPATE_STATUS_TOO_SMALL` if there are more than `capacity`. A certificate of more than that is what `palpate certify`
-/// prints. Not real-time.
+/// `PALPATE_STATUS_TOO_SMALL` if there are more than `capacity`. `palpate_body_certify` certifies
+/// more than that. Not real-time.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn palpate_body_stiffness(
     body: palpate_body,

@@ -6,6 +6,7 @@
 //! | `status.rs` | statuses, the error struct, and the border that no panic crosses |
 //! | `handles.rs` | the tables that handles point into: what is closed, or in use elsewhere, is a status |
 //! | `body.rs`, `make.rs` | bodies: opened, inspected; made of arrays, or from a spec |
+//! | `certify.rs` | certificates: what is proved of a body, and what a device's loop can hold |
 //! | `contact.rs`, `rollout.rs` | the step, snapshots, ledger; paths, one or many on all cores |
 //! | `session.rs`, `device.rs` | sessions; a device of the caller's |
 //!
@@ -20,6 +21,7 @@
 #![allow(clippy::missing_safety_doc, reason = "the header's first page says it once for all functions")]
 
 mod body;
+mod certify;
 mod contact;
 mod device;
 mod handles;
@@ -29,6 +31,7 @@ mod session;
 mod status;
 
 pub use body::*;
+pub use certify::*;
 pub use contact::*;
 pub use device::*;
 pub use handles::{palpate_body, palpate_contact, palpate_session};
@@ -63,11 +66,22 @@ pub extern "C" fn palpate_check_abi(abi_version: u32) -> palpate_status {
     if abi_version == PALPATE_ABI_VERSION { PALPATE_STATUS_OK } else { PALPATE_STATUS_WRONG_VERSION }
 }
 
-/// The library's version, such as "0.1.0": a string that lives as long as the library. Real-time: O(1).
+/// The library's version, commit and features, such as "0.1.0 (commit 0123456789ab; features: devices, simulate)": a string that
+/// lives as long as the library. Real-time: O(1).
 #[unsafe(no_mangle)]
 pub extern "C" fn palpate_version() -> *const c_char {
-    concat!(env!("CARGO_PKG_VERSION"), "\0").as_ptr().cast()
+    VERSION.as_ptr().cast()
 }
+
+/// With the zero that ends a string in C.
+static VERSION: [u8; palpate::VERSION.len() + 1] = {
+    let (mut text, mut k) = ([0; _], 0);
+    while k < palpate::VERSION.len() {
+        text[k] = palpate::VERSION.as_bytes()[k];
+        k += 1;
+    }
+    text
+};
 
 /// What is built in: a sum of `PALPATE_FEATURE_...`. Real-time: O(1).
 #[unsafe(no_mangle)]
@@ -75,4 +89,14 @@ pub extern "C" fn palpate_features() -> u32 {
     let devices = if cfg!(feature = "devices") { PALPATE_FEATURE_DEVICES } else { 0 };
     let build = if cfg!(feature = "build") { PALPATE_FEATURE_BUILD } else { 0 };
     devices | build
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_version_ends_in_a_zero() {
+        // SAFETY: what this test shows.
+        let text = unsafe { std::ffi::CStr::from_ptr(super::palpate_version()) };
+        assert_eq!(text.to_str().unwrap(), palpate::VERSION);
+    }
 }

@@ -10,8 +10,8 @@ use crate::status::{
 use glam::DVec3;
 use palpate::Body;
 use palpate::body::repair::{self, Options};
-use palpate::body::{BodyParts, Interpolation, Provenance, SlipRule, Surface, Tool, TriangleMesh};
-use palpate::identify::{Component, FitError, FitOptions, Sample, fit};
+use palpate::body::{Interpolation, Provenance, SlipRule, Surface, Tool, TriangleMesh};
+use palpate::identify::{BodyOptions, Component, FitError, FitOptions, Sample, fit};
 use std::ffi::{c_char, c_void};
 
 /// Force against depth, N against m.
@@ -82,7 +82,7 @@ pub struct palpate_body_arrays {
     pub reserved: u32,
 }
 
-/// How far a body from a spec is. It lives as long as the call of the progress function.
+/// How far a body from a spec, or its certificate, is. It lives as long as the call of the progress function.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct palpate_progress {
@@ -90,7 +90,7 @@ pub struct palpate_progress {
     pub struct_size: u32,
     /// 0.
     pub reserved: u32,
-    /// Test points that are done.
+    /// Test points, or elements, that are done.
     pub points_done: u64,
     /// Of how many; 0 as long as that is not known. Where test points are added in rounds it grows.
     pub points: u64,
@@ -187,20 +187,10 @@ fn made(mesh: TriangleMesh, samples: &[Sample], arrays: &palpate_body_arrays) ->
         0 => SlipRule::default(),
         number => slip_rule(number)?,
     };
-    let notes = report.notes.into_iter().chain(fitted.report.notes).collect();
     let software = concat!("palpate ", env!("CARGO_PKG_VERSION")).into();
-    Ok(Body::new(BodyParts {
-        surface,
-        blends: fitted.blends,
-        responses: fitted.responses,
-        test_point_nodes: fitted.test_point_nodes,
-        coupled: None,
-        lateral_tensors: None,
-        tool,
-        slip,
-        tank: arrays.without_tank == 0,
-        provenance: Provenance { software, notes, ..Provenance::default() },
-    })?)
+    let provenance = Provenance { software, notes: report.notes, ..Provenance::default() };
+    let options = BodyOptions { tool, slip, tank: arrays.without_tank == 0, provenance };
+    Ok(fitted.into_body(surface, options)?)
 }
 
 /// Makes a body from the spec at `spec_path` (docs/spec.md; UTF-8): of its law at once, or by simulating its test points by finite elements,

@@ -7,11 +7,9 @@ use crate::status::{
     Failure, PALPATE_STATUS_CLOSED, PALPATE_STATUS_NOTHING, changed, give_text, guarded, palpate_error,
     palpate_status, place, quick, room, sized, text, write_text,
 };
-use palpate::body::file::Fingerprint;
 use palpate::runtime::{BodyFile, End, Record, Stopper};
-use palpate::{BodyError, LiveSession, Outcome, PreparedSession, SessionBody, SessionConfig, files};
+use palpate::{LiveSession, Outcome, PreparedSession, SessionBody, SessionConfig, files};
 use std::ffi::c_char;
-use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -223,26 +221,11 @@ fn not_started() -> Failure {
 fn session_body(body: palpate_body, is_recorded: bool) -> Result<SessionBody, Failure> {
     let (body, file) = open_body(body)?;
     let file = match file.filter(|_| is_recorded) {
-        Some(path) => named(path)?,
+        Some(path) => BodyFile::of(&path)
+            .map_err(|e| Failure::new(crate::PALPATE_STATUS_SESSION, files::message(&e)))?,
         None => BodyFile::default(),
     };
     Ok(SessionBody { source: body, file })
-}
-
-fn named(path: PathBuf) -> Result<BodyFile, Failure> {
-    let fingerprint =
-        || files::open(&path).and_then(|f| Fingerprint::of(&f).map_err(|e| BodyError::io(&path, e).into()));
-    let wrong = |e: &anyhow::Error| Failure::new(crate::PALPATE_STATUS_SESSION, files::message(e));
-    let before = fingerprint().map_err(|e| wrong(&e))?;
-    let sha256 = files::sha256(&path).map_err(|e| wrong(&e))?;
-    if fingerprint().map_err(|e| wrong(&e))? != before {
-        let words = format!("{}: it was changed meanwhile; start again", path.display());
-        return Err(Failure::new(crate::PALPATE_STATUS_SESSION, words));
-    }
-    Ok(BodyFile {
-        name: path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
-        sha256,
-    })
 }
 
 /// Prepares a session of `body`: opens the device, lays out the first patch, and starts nothing yet; there is no force before

@@ -59,6 +59,9 @@ fn layouts() -> Vec<Layout> {
         palpate_contact: id;
         palpate_session: id;
         palpate_body_info: struct_size, slip_rule, has_tank, is_coupled, is_isotropic, tool, tool_radius_m, nodes, vertices, elements, test_points, identity, low_m, high_m, depth_max_m, stiffness_max_n_per_m, stiffness_aside_n_per_m;
+        palpate_loop_device: struct_size, reserved, damping_n_s_per_m, rate_hz, position_error_m, coulomb_n, delay_samples;
+        palpate_certify_options: struct_size, slip_rule, evaluations, threads, step_m, depth_m, device;
+        palpate_certificate: struct_size, slip_rule, passive_holds, snap_free_holds, passive_margin, passive_found, passive_proved_elements, passive_failing_elements, passive_undecided_elements, passive_worst_element, snap_free_worst_element, passive_worst_m, snap_free_margin_n_per_m, snap_free_found_n_per_m, snap_free_proved_elements, snap_free_failing_elements, snap_free_undecided_elements, snap_free_worst_m, lipschitz_n_per_m, lipschitz_found_n_per_m, stiffness_max_n_per_m, depth_m, step_m, lateral_m, passive_from_m, elements, border_edges, creased_elements, too_far_elements, device_stiffness_limit_n_per_m, device_depth_limit_m, device_force_limit_n, device_contact_way_ratio, device_whole_depth, reserved;
         palpate_tool_state: struct_size, reserved, position_m, orientation;
         palpate_ledger: struct_size, reserved, work_j, stored_j, dissipated_j, generated_j, tank_j, relaxed_j;
         palpate_output: struct_size, flags, force_n, torque_nm, element, reserved, area_coordinates, contact_position_m, delta_z_m, delta_r_m, energy;

@@ -1,5 +1,5 @@
-//! Programs in C and C++, built with each compiler that is there and run: examples from a folder that holds no more than a tarball, one
-//! path through Rust, C and C++, and misuse under sanitizers. A compiler or tool that is missing is named on standard error.
+//! Programs in C, C++ and C#, built with each compiler that is there and run: examples from a folder that holds no more than a tarball, one
+//! path through Rust and each of them, and misuse under sanitizers. A compiler or tool that is missing is named on standard error.
 
 #![cfg(target_os = "linux")]
 
@@ -134,6 +134,116 @@ fn one_path_has_the_same_bits_in_rust_c_and_cpp() {
     }
 }
 
+/// The C# binding, its example and its tests as Mono compiles them, beside the library under the name that they look for; none without
+/// Mono.
+fn csharp() -> Option<&'static Path> {
+    static FOLDER: OnceLock<Option<tempfile::TempDir>> = OnceLock::new();
+    let folder = FOLDER.get_or_init(|| {
+        if !is_there("mcs") || !is_there("mono") {
+            return None;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let compile = |name: &str, sources: &str, references: &[&str]| {
+            let files =
+                std::fs::read_dir(here("../csharp").join(sources.split('/').next().unwrap())).unwrap();
+            let wanted = sources.split('/').nth(1);
+            let files = files
+                .map(|file| file.unwrap().path())
+                .filter(|p| p.extension().is_some_and(|e| e == "cs"))
+                .filter(|p| wanted.is_none_or(|name| p.file_name().is_some_and(|n| n == name)));
+            let mut command = Command::new("mcs");
+            command.arg(if name.ends_with("dll") { "-target:library" } else { "-target:exe" });
+            command.args(["-langversion:7", "-warnaserror"]).arg(format!("-out:{name}")).args(files);
+            command.args(references.iter().map(|r| format!("-r:{r}"))).current_dir(folder.path());
+            run(&mut command);
+        };
+        compile("Palpate.dll", "Palpate", &[]);
+        compile("Example.exe", "Example", &["Palpate.dll"]);
+        compile("UnityEngine.dll", "Tests/UnityStandIn.cs", &[]);
+        compile("Palpate.Unity.dll", "Unity", &["Palpate.dll", "UnityEngine.dll"]);
+        compile("Tests.exe", "Tests/Tests.cs", &["Palpate.dll", "UnityEngine.dll", "Palpate.Unity.dll"]);
+        std::os::unix::fs::symlink(libraries().join("libpalpate_c.so"), folder.path().join("libpalpate.so"))
+            .unwrap();
+        Some(folder)
+    });
+    folder.as_ref().map(tempfile::TempDir::path)
+}
+
+fn mono(folder: &Path, program: &str, arguments: &[&std::ffi::OsStr]) -> String {
+    let mut command = Command::new("mono");
+    command.arg(folder.join(program)).args(arguments).env("LD_LIBRARY_PATH", folder);
+    String::from_utf8(run(&mut command).stdout).unwrap()
+}
+
+#[test]
+fn one_path_has_the_same_bits_in_csharp() {
+    let Some(programs) = csharp() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let (bodies, path, rows) = bodies_and_path(folder.path());
+    for file in &bodies {
+        let (expected, _) = bits_of(&Body::open(file).unwrap(), &rows);
+        let output = mono(programs, "Example.exe", &[file.as_os_str(), path.as_os_str()]);
+        for way in ["step", "rollout", "many"] {
+            let found = output.lines().filter_map(|line| line.strip_prefix(way));
+            assert!(found.eq(expected.lines()), "C#, {way}: other bits than Rust's");
+        }
+        assert_eq!(output.lines().count(), 3 * rows.len());
+    }
+    assert!(mono(programs, "Example.exe", &[]).contains("mm deep"));
+}
+
+/// The members of a C# struct have other names: `delta_z_m` is `DeltaZM`.
+fn pascal(name: &str) -> String {
+    let mut upper = true;
+    let letters = name.chars().filter_map(|c| {
+        let begins = std::mem::replace(&mut upper, c == '_');
+        (c != '_').then(|| if begins { c.to_ascii_uppercase() } else { c })
+    });
+    letters.collect()
+}
+
+#[test]
+fn csharps_structs_are_laid_out_as_cs() {
+    let Some(programs) = csharp() else { return };
+    let abi = std::fs::read_to_string(here("abi.txt")).unwrap();
+    let layout = |line: &str| -> Option<(String, String)> {
+        let (name, rest) = line.split_once(' ')?;
+        let (bytes, members) = rest.split_once(" bytes: ")?;
+        let members = members.split(", ").map(|m| {
+            let (member, place) = m.split_once(' ').unwrap();
+            format!("{} {place}", pascal(member))
+        });
+        let name = pascal(name.trim_start_matches("palpate_")).replace("Native", "");
+        Some((name, format!("{bytes} {}", members.collect::<Vec<_>>().join(", "))))
+    };
+    let there: std::collections::BTreeMap<_, _> =
+        abi.lines().filter_map(|line| layout(line.strip_prefix("layout ")?)).collect();
+    let found = mono(programs, "Tests.exe", &["layouts".as_ref()]);
+    let found: std::collections::BTreeMap<_, _> = found.lines().filter_map(layout).collect();
+    for (name, layout) in &found {
+        assert_eq!(there.get(name), Some(layout), "{name}");
+    }
+    // A device of the caller's would put C#'s garbage collector into the haptic thread; handles are no structs there.
+    let absent = ["Body", "Capabilities", "Command", "Contact", "Device", "Sample", "Session"];
+    let missing: Vec<&String> = there.keys().filter(|name| !found.contains_key(*name)).collect();
+    assert_eq!(missing, absent);
+    // And every function is there.
+    let native = std::fs::read_to_string(here("../csharp/Palpate/Native.cs")).unwrap();
+    for line in abi.lines().filter(|line| line.contains("(") && !line.starts_with("typedef")) {
+        let name = line.split('(').next().unwrap().rsplit([' ', '*']).next().unwrap();
+        let is_declared = native.contains(&format!(" {name}("));
+        assert!(is_declared || name == "palpate_device_check", "{name} is not in Native.cs");
+    }
+}
+
+#[test]
+fn csharp_does_what_it_says() {
+    let Some(programs) = csharp() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let said = mono(programs, "Tests.exe", &["all".as_ref(), folder.path().as_os_str()]);
+    assert!(said.contains("all is well"), "{said}");
+}
+
 const EXAMPLES: [&str; 4] = [
     "examples/own_loop.c",
     "examples/instead_of_a_proxy.c",
@@ -167,9 +277,14 @@ fn misuse_is_a_status_and_it_and_the_examples_are_clean_under_sanitizers() {
             }
             let program = folder.path().join("misuse");
             build(compiler, "tests/programs/misuse.c", &options, &program);
-            // Of the library's own threads a sanitizer that did not compile it knows half, and complains of the rest.
+            // Of what the library's own threads agree upon a sanitizer that did not compile it knows half, and complains of the rest: it
+            // looks at the C side. `.ci/thread-sanitizer` looks at the library.
             let only = options.contains(&"-fsanitize=thread").then_some("threads");
-            run(Command::new(&program).args(only).current_dir(folder.path()));
+            let passed_over = folder.path().join("passed-over");
+            std::fs::write(&passed_over, "called_from_lib:libpalpate\n").unwrap();
+            let mut command = Command::new(&program);
+            command.env("TSAN_OPTIONS", format!("suppressions={}", passed_over.display()));
+            run(command.args(only).current_dir(folder.path()));
             eprintln!("{compiler}: misuse ran under: {name}");
             if only.is_none() && !options.is_empty() {
                 for (compiler, example) in
@@ -300,9 +415,10 @@ fn the_cpp_header_serves_with_and_without_exceptions() {
 #[test]
 fn the_pages_programs_compile() {
     let page = std::fs::read_to_string(here("../../docs/c.md")).unwrap();
-    let block = |language: &str| {
-        let from = page.split_once(&format!("```{language}\n")).unwrap().1;
-        from.split_once("```").unwrap().0.to_owned()
+    // One after the other, as one program.
+    let block = |language: &str| -> String {
+        let fence = format!("```{language}\n");
+        page.split(&fence).skip(1).map(|from| from.split_once("```").unwrap().0).collect()
     };
     let (c, cpp) = (block("c"), block("cpp"));
     let around = [

@@ -115,3 +115,36 @@ fn what_is_closed_under_a_user_is_closed() {
     }
     assert_eq!(palpate_body_close(body), PALPATE_STATUS_OK);
 }
+
+/// Two threads that know nothing of each other make, press, copy and close thousands of contacts on one body.
+#[test]
+fn thousands_of_contacts_come_and_go() {
+    let body = body();
+    let run = || {
+        let mut sum = 0.0;
+        for _ in 0..20 {
+            let contacts: Vec<palpate_contact> = (0..100).map(|_| contact(body)).collect();
+            for depth in 0..10 {
+                for &contact in &contacts {
+                    sum += press(contact, 30.5e-3 - 3e-4 * f64::from(depth)).unwrap();
+                }
+            }
+            for &contact in &contacts {
+                let mut copy = palpate_contact::default();
+                // SAFETY: a place for a handle.
+                assert_eq!(unsafe { palpate_contact_snapshot(contact, &mut copy) }, PALPATE_STATUS_OK);
+                assert_eq!(palpate_contact_close(copy), PALPATE_STATUS_OK);
+                assert_eq!(palpate_contact_close(contact), PALPATE_STATUS_OK);
+                assert_eq!(palpate_contact_close(contact), PALPATE_STATUS_CLOSED);
+            }
+        }
+        sum
+    };
+    let alone = run();
+    assert!(alone > 100.0, "{alone}");
+    thread::scope(|scope| {
+        let threads: Vec<_> = (0..2).map(|_| scope.spawn(run)).collect();
+        threads.into_iter().for_each(|thread| assert_eq!(thread.join().unwrap(), alone));
+    });
+    assert_eq!(palpate_body_close(body), PALPATE_STATUS_OK);
+}

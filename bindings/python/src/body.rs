@@ -162,6 +162,141 @@ impl Body {
         }
     }
 
+    /// Proves that the body is passive and free of snaps, or shows where it is not (docs/passivity.md), as `palpate certify` does.
+    ///
+    /// For every element, all depths and all directions of slip. It takes seconds to hours, on all cores; the interpreter is free
+    /// meanwhile, and Ctrl-C ends it.
+    ///
+    /// Args:
+    ///     slip_rule: "consistent", "paper" or "exact"; the body's own if not given.
+    ///     step_m: Longest way of the tool from one step to the next, m.
+    ///     depth_m: Deepest that the tool goes, m; the end of the responses if not given.
+    ///     evaluations: Bounds computed for each element and certificate, at most; 3000 for the rule "paper", 600 for the others, 200
+    ///         for coupled laws if not given.
+    ///     window: Whether to search how both fare with less and more friction.
+    ///     device: A device that the sampled loop is judged for, by name ("touch", "omega", "falcon" and so on).
+    ///     rate_hz: Rate of its loop, Hz; 1000 if not given.
+    ///     damping_n_s_per_m: Its viscous damping, N s/m, in place of what is known of it, or without a name.
+    ///     position_error_m: Greatest error of its position, m; half a step of its encoders along each axis, or none.
+    ///     coulomb_n: Its Coulomb friction, N.
+    ///     delay_samples: Samples by which its force comes late.
+    ///     progress: Called, in the calling thread, with a `Progress` for each element. If it returns False the work ends.
+    ///     threads: How many; one for each core if not given.
+    ///
+    /// Returns:
+    ///     A dict, the JSON of `palpate certify --json`: `passive` and `snap_free` (`holds`, `margin`, `found`, counts of elements, `worst`,
+    ///     `witness`), `lipschitz_n_per_m`, `stiffness_max_n_per_m`, `device` (`depth_limit_m`, `force_limit_n` and so on), `scope`,
+    ///     `remarks`. None stands for what is not proved.
+    ///
+    /// Raises:
+    ///     ArgumentError: A name or number that can't be.
+    ///     CancelledError: `progress` returned False.
+    #[pyo3(signature = (*, slip_rule=None, step_m=1e-3, depth_m=None, evaluations=None, window=false, device=None, rate_hz=None,
+                        damping_n_s_per_m=None, position_error_m=None, coulomb_n=None, delay_samples=None, progress=None, threads=None))]
+    #[allow(clippy::too_many_arguments, reason = "in Python all are keywords")]
+    fn certify<'py>(
+        &self,
+        py: Python<'py>,
+        slip_rule: Option<&str>,
+        step_m: f64,
+        depth_m: Option<f64>,
+        evaluations: Option<u32>,
+        window: bool,
+        device: Option<&str>,
+        rate_hz: Option<f64>,
+        damping_n_s_per_m: Option<f64>,
+        position_error_m: Option<f64>,
+        coulomb_n: Option<f64>,
+        delay_samples: Option<f64>,
+        progress: Option<Py<PyAny>>,
+        threads: Option<usize>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let device = crate::certify::Loop {
+            device,
+            rate_hz,
+            damping_n_s_per_m,
+            position_error_m,
+            coulomb_n,
+            delay_samples,
+        };
+        let threads = crate::rollout::threads(threads)?;
+        let asked =
+            crate::certify::Asked { slip_rule, step_m, depth_m, evaluations, window, device, threads };
+        crate::certify::certify(py, &self.shared, &asked, progress)
+    }
+
+    /// Says how wrong the body's forces are, on random paths that no test point has seen, as `palpate validate` does (docs/validate.md).
+    ///
+    /// Each path is simulated in full, with the spec's mesh, material and tool and the body's friction, and compared with what the
+    /// body answers. It takes minutes to hours, on all cores; the interpreter is free meanwhile, and Ctrl-C ends it.
+    ///
+    /// Args:
+    ///     spec: The spec that the body was made from, TOML.
+    ///     paths: How many paths.
+    ///     seed: Which: the same seed gives the same.
+    ///     history: What is simulated: "coulomb" (pressed, dragged past slip, back, round, let go, touched again), "frictionless", "stick" or
+    ///         "frictionless-press".
+    ///     at_test_points: Whether paths begin at test points: the error without interpolation.
+    ///     own: Whether the potential of each path's own point is found, too, which costs as much again.
+    ///     steps: States of a press to the greatest depth; the spec's if not given.
+    ///     progress: Called, in the calling thread, with a `Progress` for each path. If it returns False the work ends.
+    ///     threads: How many paths are simulated at a time; one for each core if not given.
+    ///
+    /// Returns:
+    ///     A dict, the JSON of `palpate validate --json`: `summary`, `phases`, `sources` (errors in % of the path's largest force and of the
+    ///     force at hand), and `paths`, one for each.
+    ///
+    /// Raises:
+    ///     InputError: The spec, or a file that it names, is wrong, or the body is of another mesh.
+    ///     ArgumentError: A name or number that can't be.
+    ///     CancelledError: `progress` returned False.
+    #[pyo3(signature = (spec, *, paths=40, seed=1, history="coulomb", at_test_points=false, own=false, steps=None, progress=None,
+                        threads=None))]
+    #[allow(clippy::too_many_arguments, reason = "in Python all but one are keywords")]
+    fn validate<'py>(
+        &self,
+        py: Python<'py>,
+        spec: PathBuf,
+        paths: usize,
+        seed: u64,
+        history: &str,
+        at_test_points: bool,
+        own: bool,
+        steps: Option<u32>,
+        progress: Option<Py<PyAny>>,
+        threads: Option<usize>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let jobs = crate::rollout::threads(threads)?;
+        #[cfg(feature = "build")]
+        {
+            if paths == 0 || paths > 100_000 {
+                return Err(argument(format!("paths is {paths}; give 1 to 100000")));
+            }
+            if let Some(steps) = steps.filter(|n| !(1..=1000).contains(n)) {
+                return Err(argument(format!("steps is {steps}; give 1 to 1000")));
+            }
+            let history = crate::from_spec::history(history)?;
+            let against = palpate::build::validate::Against {
+                history,
+                paths,
+                seed,
+                at_test_points,
+                own,
+                steps,
+                jobs,
+                kept: None,
+            };
+            crate::from_spec::validate(py, &self.shared, &spec, &against, progress)
+        }
+        #[cfg(not(feature = "build"))]
+        {
+            let _ = (py, spec, paths, seed, history, at_test_points, own, steps, progress, jobs);
+            Err(crate::errors::Error::new_err(
+                "palpate was built without the feature `build`; build it with it",
+            ))
+        }
+    }
+
     /// Writes the body to a file, which is replaced only when the new one is whole.
     ///
     /// Raises:

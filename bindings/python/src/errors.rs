@@ -20,12 +20,23 @@ create_exception!(
     Error,
     "An argument has the wrong shape, or a value that is impossible; the message names it."
 );
-create_exception!(palpate, BusyError, Error, "Another thread is using this contact.");
+create_exception!(
+    palpate,
+    BusyError,
+    Error,
+    "Another thread is using this contact, or changing this session."
+);
 create_exception!(
     palpate,
     CancelledError,
     Error,
     "Long work ended early because its progress function returned False."
+);
+create_exception!(
+    palpate,
+    SessionError,
+    Error,
+    "A session, its device, a setting or a change was refused; the message says what to do."
 );
 /// A Rust error as the exception that it is in Python.
 pub trait Raised {
@@ -62,5 +73,6 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("InputError", py.get_type::<InputError>())?;
     module.add("ArgumentError", py.get_type::<ArgumentError>())?;
     module.add("BusyError", py.get_type::<BusyError>())?;
-    module.add("CancelledError", py.get_type::<CancelledError>())
+    module.add("CancelledError", py.get_type::<CancelledError>())?;
+    module.add("SessionError", py.get_type::<SessionError>())
 }

@@ -1,49 +1,17 @@
-//! Bodies from a spec, simulated; what their progress tells.
+//! What a spec says, simulated: a body made of it, or compared with it.
 
-use crate::errors::{CancelledError, Raised};
+use crate::errors::{CancelledError, Raised, argument};
 use crate::interrupt::interruptible;
-use crate::make::Progress;
+use crate::progress::{Listener, Progress, hearer};
 use palpate::Body;
-use palpate::build::Progress as Listening;
+use palpate::build::Progress as _;
 use palpate::build::precompute::{Stopped, body_of_spec};
+use palpate::build::spec::Spec;
+use palpate::build::validate::{Against, History, Validation, is_of_another_spec, validate_against};
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::Sender;
-use std::sync::{Mutex, PoisonError};
-
-/// Sends on what it hears.
-pub struct Listener {
-    sender: Mutex<(Sender<Progress>, Progress)>,
-}
-
-impl Listener {
-    pub fn new(sender: Sender<Progress>) -> Self {
-        let progress = Progress { done: 0, total: 0, message: None };
-        Listener { sender: Mutex::new((sender, progress)) }
-    }
-
-    fn tell(&self, message: Option<&str>, change: impl FnOnce(&mut Progress)) {
-        let mut state = self.sender.lock().unwrap_or_else(PoisonError::into_inner);
-        change(&mut state.1);
-        // Whoever does not listen any more has ended the work.
-        let _ = state.0.send(Progress { message: message.map(str::to_owned), ..state.1.clone() });
-    }
-}
-
-impl Listening for Listener {
-    fn begin(&self, points: usize, before: usize) {
-        self.tell(None, |p| (p.total, p.done) = (points, before));
-    }
-
-    fn done(&self, _: usize) {
-        self.tell(None, |p| p.done += 1);
-    }
-
-    fn note(&self, message: &str) {
-        self.tell(Some(message), |_| ());
-    }
-}
 
 pub fn from_spec(
     py: Python<'_>,
@@ -63,14 +31,31 @@ pub fn from_spec(
     })
 }
 
-/// What gives the events to a Python function, which ends the work with False.
-fn hearer(function: Option<Py<PyAny>>) -> impl FnMut(Python<'_>, Progress) -> PyResult<()> + Send {
-    move |py, progress| {
-        let Some(function) = &function else { return Ok(()) };
-        let answer = function.bind(py).call1((progress,))?;
-        match answer.extract::<bool>() {
-            Ok(false) => Err(CancelledError::new_err("ended: the progress function returned False")),
-            _ => Ok(()),
+pub fn history(name: &str) -> PyResult<History> {
+    let all = [History::Coulomb, History::Frictionless, History::Stick, History::FrictionlessPress];
+    let names = || all.map(History::name).join(", ");
+    let found = all.into_iter().find(|h| h.name() == name);
+    found.ok_or_else(|| argument(format!("history is {name:?}; give one of {}", names())))
+}
+
+pub fn validate<'py>(
+    py: Python<'py>,
+    body: &Body,
+    path: &Path,
+    against: &Against,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let work = |sender: Sender<Progress>, cancelled: &AtomicBool| -> anyhow::Result<Option<Validation>> {
+        let listener = Listener::new(sender);
+        let spec = Spec::read(path)?;
+        let simulation = spec.simulation(path)?;
+        if is_of_another_spec(body, &spec) {
+            let note = "the body was made from another spec; errors include what differs";
+            listener.note(&format!("{}: {note}", path.display()));
         }
-    }
+        validate_against(body, (&spec, &simulation, path), against, &listener, cancelled)
+    };
+    let found = interruptible(py, work, hearer(progress))?.map_err(Raised::raised)?;
+    let found = found.ok_or_else(|| CancelledError::new_err("ended before all paths were simulated"))?;
+    crate::python_of(py, &found)
 }

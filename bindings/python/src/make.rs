@@ -6,8 +6,8 @@ use numpy::{AllowTypeChange, PyArray2, PyArrayLike1, PyArrayLike2, PyUntypedArra
 use palpate::Body;
 use palpate::body::import::{self, LengthUnit};
 use palpate::body::repair::{self, Options};
-use palpate::body::{BodyParts, Interpolation, Provenance, SlipRule, Surface, Tool, TriangleMesh};
-use palpate::identify::{Component, FitOptions, Sample, fit, read_samples};
+use palpate::body::{Interpolation, Provenance, SlipRule, Surface, Tool, TriangleMesh};
+use palpate::identify::{BodyOptions, Component, FitOptions, Sample, fit, read_samples};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
 use std::path::PathBuf;
@@ -193,40 +193,9 @@ impl Samples {
             0.0 => Tool::Point,
             radius_m => Tool::Sphere { radius_m },
         };
-        let notes = report.notes.into_iter().chain(fitted.report.notes).collect();
         let software = concat!("palpate ", env!("CARGO_PKG_VERSION")).into();
-        Body::new(BodyParts {
-            surface,
-            blends: fitted.blends,
-            responses: fitted.responses,
-            test_point_nodes: fitted.test_point_nodes,
-            coupled: None,
-            lateral_tensors: None,
-            tool,
-            slip: self.slip,
-            tank: self.tank,
-            provenance: Provenance { software, notes, ..Provenance::default() },
-        })
-        .map_err(Raised::raised)
-    }
-}
-
-/// How far long work is.
-#[pyclass(frozen, get_all, module = "palpate")]
-#[derive(Debug, Clone)]
-pub struct Progress {
-    /// Points, or paths, that are done.
-    pub done: usize,
-    /// Of how many; 0 as long as that is not known. Where test points are added in rounds it grows.
-    pub total: usize,
-    /// Something that deserves to be said, or None.
-    pub message: Option<String>,
-}
-
-#[pymethods]
-impl Progress {
-    fn __repr__(&self) -> String {
-        let message = self.message.as_ref().map(|m| format!(", {m}")).unwrap_or_default();
-        format!("<palpate.Progress: {} of {}{message}>", self.done, self.total)
+        let provenance = Provenance { software, notes: report.notes, ..Provenance::default() };
+        let options = BodyOptions { tool, slip: self.slip, tank: self.tank, provenance };
+        fitted.into_body(surface, options).map_err(Raised::raised)
     }
 }

@@ -5,9 +5,9 @@
 
 use palpate::body::{Interpolation, Provenance, SlipRule, Surface, Tool, import, repair};
 use palpate::engine::rollout;
-use palpate::identify::{FitOptions, fit, read_samples};
+use palpate::identify::{BodyOptions, FitOptions, fit, read_samples};
 use palpate::runtime::path;
-use palpate::{Ablation, Body, body};
+use palpate::{Ablation, Body};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -28,19 +28,9 @@ fn lump() -> Body {
     let samples = read_samples(&examples().join("samples.csv")).unwrap();
     let options = FitOptions { interpolation: Interpolation::Pchip, default_friction: None };
     let fitted = fit(&surface, &samples, &options).unwrap();
-    Body::new(body::BodyParts {
-        surface,
-        blends: fitted.blends,
-        responses: fitted.responses,
-        test_point_nodes: fitted.test_point_nodes,
-        coupled: None,
-        lateral_tensors: None,
-        tool: Tool::Point,
-        slip: SlipRule::default(),
-        tank: true,
-        provenance: Provenance::default(),
-    })
-    .unwrap()
+    let provenance = Provenance::default();
+    let options = BodyOptions { tool: Tool::Point, slip: SlipRule::default(), tank: true, provenance };
+    fitted.into_body(surface, options).unwrap()
 }
 
 /// What Rust makes of a path by each rule: the body, and force, torque and energies of each step as bytes of 64-bit numbers.

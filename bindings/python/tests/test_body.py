@@ -175,3 +175,22 @@ def test_simulated(tmp_path):
     assert body.tool == "sphere" and body.stiffness_max_n_per_m > 1
     with pytest.raises(ZeroDivisionError):
         palpate.Body.from_spec(tmp_path / "block.toml", progress=lambda progress: 1 / 0)
+    compared(body, tmp_path / "block.toml")
+
+
+def compared(body, spec):
+    """With what is simulated on paths that the body was not made of."""
+    heard = []
+    found = body.validate(spec, paths=2, seed=3, progress=heard.append)
+    assert len(found["paths"]) + found["failed"] == 2 and heard[-1].done == heard[-1].total == 2
+    assert found["seed"] == 3 and found["history"] == "coulomb"
+    assert found["paths"][0]["largest_force_n"] > 0 and found["sources"][0]["source"] == "body"
+    again = body.validate(spec, paths=2, seed=3, threads=1)
+    assert again == found
+    for wrong, words in [({"history": "slow"}, "history"), ({"paths": 0}, "paths"), ({"steps": 0}, "steps")]:
+        with pytest.raises(palpate.ArgumentError, match=words):
+            body.validate(spec, **wrong)
+    with pytest.raises(palpate.InputError, match="nowhere.toml"):
+        body.validate("nowhere.toml")
+    with pytest.raises(palpate.CancelledError):
+        body.validate(spec, paths=40, progress=lambda progress: progress.done < 1)

@@ -25,14 +25,15 @@ def parameters(function: ast.FunctionDef):
     """Names and kinds, without the object itself."""
     a = function.args
     plain = [p.arg for p in a.posonlyargs + a.args if p.arg not in ("self", "cls")]
-    return plain, [p.arg for p in a.kwonlyargs]
+    return plain, [p.arg for p in a.kwonlyargs] + ([a.kwarg.arg] if a.kwarg else [])
 
 
 def really(function):
     kinds = inspect.Parameter
     given = [p for p in inspect.signature(function).parameters.values() if p.name != "self"]
-    plain = [p.name for p in given if p.kind is not kinds.KEYWORD_ONLY]
-    return plain, [p.name for p in given if p.kind is kinds.KEYWORD_ONLY]
+    keywords = (kinds.KEYWORD_ONLY, kinds.VAR_KEYWORD)
+    plain = [p.name for p in given if p.kind not in keywords]
+    return plain, [p.name for p in given if p.kind in keywords]
 
 
 def test_stubs_say_what_is_there():
@@ -51,6 +52,11 @@ def test_stubs_say_what_is_there():
                 assert parameters(f) == really(thing), node.name
             elif not f.name.startswith("_") and not f.decorator_list:
                 assert parameters(f) == really(getattr(thing, f.name)), f"{node.name}.{f.name}"
+
+
+def test_the_version_says_commit_and_features():
+    assert palpate.VERSION.startswith(palpate.__version__ + " (")
+    assert "features: devices, simulate" in palpate.VERSION
 
 
 def test_the_reference_is_the_packages():

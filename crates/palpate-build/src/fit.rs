@@ -7,11 +7,9 @@ use glam::DVec3;
 use palpate_body::import::{self, LengthUnit};
 use palpate_body::repair::{self, Options};
 use palpate_body::shape::Shape;
-use palpate_body::{
-    BlendWeights, Body, BodyParts, Interpolation, Provenance, Response, SlipRule, Surface, Tool, TriangleMesh,
-};
+use palpate_body::{BlendWeights, Body, Interpolation, Provenance, SlipRule, Surface, Tool, TriangleMesh};
 use palpate_files as files;
-use palpate_identify::{FitOptions, FitReport, fit, read_samples};
+use palpate_identify::{BodyOptions, Fit, FitOptions, FitReport, fit, read_samples};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -96,8 +94,8 @@ impl FitInputs {
         }
         let surface = self.surface(&mut notes)?;
         notes.extend(folds(&surface));
-        let (blends, responses, test_point_nodes, report) = self.responses(&surface)?;
-        notes.extend(report.iter().flat_map(|report| report.notes.iter().cloned()));
+        let (fitted, is_measured) = self.responses(&surface)?;
+        let report = is_measured.then(|| fitted.report.clone());
         let inputs = self.files();
         let spec = self.spec();
         let provenance = Provenance {
@@ -105,21 +103,16 @@ impl FitInputs {
             software: concat!("palpate ", env!("CARGO_PKG_VERSION")).into(),
             spec: spec.map(|s| s.text.clone()),
             inputs: digests(&inputs)?,
-            notes: notes.clone(),
+            notes,
             ..Provenance::default()
         };
-        let body = Body::new(BodyParts {
-            surface,
-            blends,
-            responses,
-            test_point_nodes,
-            coupled: None,
-            lateral_tensors: None,
+        let options = BodyOptions {
             tool: spec.map_or(Tool::Point, |s| s.tool),
             slip: spec.map_or_else(SlipRule::default, |s| s.slip),
             tank: spec.is_none_or(|s| s.tank),
             provenance,
-        });
+        };
+        let body = fitted.into_body(surface, options);
         let named = |e: palpate_body::BodyError| {
             inputs.first().map_or_else(|| anyhow!("{e}"), |input| anyhow!("{}: {e}", input.display()))
         };
@@ -175,8 +168,8 @@ impl FitInputs {
         Ok(())
     }
 
-    /// The responses: from the samples, else from the spec's law.
-    fn responses(&self, surface: &Surface) -> Result<Fitted> {
+    /// The responses, and whether they come from samples; else from the spec's law.
+    fn responses(&self, surface: &Surface) -> Result<(Fit, bool)> {
         let spec = self.spec();
         let friction = self.friction.map(Friction::Constant).or_else(|| spec?.friction.clone());
         if let Some(path) = &self.samples {
@@ -198,7 +191,7 @@ impl FitInputs {
             let samples = read_samples(path)?;
             let options = FitOptions { interpolation, default_friction };
             let fitted = fit(surface, &samples, &options).map_err(|e| e.in_file(path))?;
-            return Ok((fitted.blends, fitted.responses, fitted.test_point_nodes, Some(fitted.report)));
+            return Ok((fitted, true));
         }
         let Some((spec, path)) = &self.spec else {
             return Err(anyhow!("no curves given; give --samples, or a --spec with [response]"));
@@ -214,7 +207,8 @@ impl FitInputs {
             .responses(surface.positions(), &friction, deflection)
             .with_context(|| path.display().to_string())?;
         let nodes: Vec<u32> = (0..responses.len() as u32).collect();
-        Ok((nodes.iter().map(|&n| BlendWeights::own(n)).collect(), responses, nodes, None))
+        let blends = nodes.iter().map(|&n| BlendWeights::own(n)).collect();
+        Ok((Fit { blends, responses, test_point_nodes: nodes, report: FitReport::default() }, false))
     }
 }
 
@@ -251,9 +245,6 @@ pub(crate) fn read_surface(
 
 /// Nodes that a law gives responses of their own to: 2 kB each.
 const MAX_LAW_NODES: usize = 500_000;
-
-/// Mixes, responses, the test points' nodes, and the report if they come from samples.
-type Fitted = (Vec<BlendWeights>, Vec<Response>, Vec<u32>, Option<FitReport>);
 
 /// What the surface's folds do to a contact.
 fn folds(surface: &Surface) -> Vec<String> {

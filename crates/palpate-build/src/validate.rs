@@ -20,6 +20,7 @@ use rayon::prelude::*;
 use render::{Rendered, Variant, own_potential, variants};
 use serde::Serialize;
 
+mod against;
 mod errors;
 mod free;
 mod kept;
@@ -29,6 +30,7 @@ mod render;
 mod report;
 mod surface;
 
+pub use against::{Against, is_of_another_spec, validate_against};
 pub use errors::{Errors, Percentiles, PhaseErrors, Sliding, Spread, median, percentile};
 pub use kept::Kept;
 pub use render::{held_force, sticking};

@@ -1,7 +1,6 @@
 //! The parts of the `palpate` command: what it parses, draws and prints. Programs use the crate `palpate`.
 
 pub mod bench;
-pub mod certify;
 pub mod commands;
 pub mod console;
 pub mod demo;

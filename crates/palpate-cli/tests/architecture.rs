@@ -44,11 +44,13 @@ const MAY_USE: &[(&str, &[&str])] = &[
         "palpate-build",
         &["palpate-body", "palpate-engine", "palpate-files", "palpate-identify", "palpate-simulate"],
     ),
+    ("palpate-certify", &["palpate-body", "palpate-device", "palpate-engine", "palpate-runtime"]),
     (
         "palpate",
         &[
             "palpate-body",
             "palpate-build",
+            "palpate-certify",
             "palpate-device",
             "palpate-engine",
             "palpate-files",
@@ -102,7 +104,7 @@ fn the_library_brings_nothing_of_the_command() {
         }
     }
     let prints = ["println!", "eprintln!", "print!(", "std::env::args", "std::process::exit", "dbg!"];
-    for name in ["body", "engine", "files", "identify", "simulate", "device", "runtime", "build"] {
+    for name in ["body", "engine", "files", "identify", "simulate", "device", "runtime", "build", "certify"] {
         assert_eq!(found(&format!("palpate-{name}"), &prints), Vec::<String>::new());
     }
 }

@@ -3,12 +3,14 @@
 use glam::DVec3;
 use palpate_body::shape::{Resolution, Shape};
 use palpate_body::{BlendWeights, Body, BodyParts, Provenance, Response, SlipRule, Tool};
-use palpate_cli::certify::{certificate, elements, floor};
+use palpate_certify::device::Device;
+use palpate_certify::{Question, certificate, certify, elements, floor};
 use palpate_engine::certify::Assumptions;
 use palpate_engine::{Ablation, Contact, Flags, ToolState};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::sync::atomic::AtomicBool;
 
 fn palpate(folder: &Path, args: &str) -> Output {
     Command::new(env!("CARGO_BIN_EXE_palpate"))
@@ -60,6 +62,19 @@ fn a_ball_with_friction_holds_and_says_what_a_device_may_do() {
     assert!((device["depth_limit_m"].as_f64().unwrap() - 5e-3).abs() < 1e-9, "{device}");
     assert!((device["force_limit_n"].as_f64().unwrap() - 1.5).abs() < 1e-9, "{device}");
     assert_eq!(json["stiffness_max_n_per_m"].as_array().unwrap().len(), 5);
+    // What programs have by the crate.
+    let body = Body::open(&folder.join("a.body")).unwrap();
+    let mut question = Question::of(&body);
+    question.evaluations = Some(1500);
+    question.device = Some(Device {
+        damping_n_s_per_m: 0.3,
+        rate_hz: 1000.0,
+        position_error_m: 0.0,
+        coulomb_n: 0.0,
+        delay_samples: 0.0,
+    });
+    let found = certify(&body, &question, &|| (), &AtomicBool::new(false)).unwrap().unwrap();
+    assert_eq!(serde_json::to_value(&found.certificate).unwrap(), json);
     let vtu = std::fs::read(folder.join("m.vtu")).unwrap();
     let head = String::from_utf8_lossy(&vtu[..vtu.len().min(4000)]).into_owned();
     assert!(head.contains("<CellData>") && head.contains("passive_margin"), "{head}");
@@ -248,7 +263,10 @@ fn raised_bodies_are_passive(steps: usize) {
         assert!(violations(body, 4_000, 5) > 0);
         let (raised, report) = floor::raise(body, &assumptions, 600).unwrap();
         assert!(report.largest_friction > 0.05 && report.largest_friction < 1.0, "{report:?}");
-        let certificate = certificate(&raised, &assumptions, &elements(&raised, &assumptions, 2500));
+        let certificate = {
+            let all = elements(&raised, &assumptions, 2500, &|| (), &AtomicBool::new(false));
+            certificate(&raised, &assumptions, &all.unwrap())
+        };
         assert_eq!(certificate.passive.failing_elements, 0);
         assert!(certificate.passive.holds, "{:?}", certificate.passive);
         for round in 0..4 {

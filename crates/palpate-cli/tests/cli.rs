@@ -73,6 +73,16 @@ impl TestDirectory {
     }
 }
 
+#[test]
+fn the_version_says_commit_and_features() {
+    let said = TestDirectory::new().done("--version").stdout;
+    assert_eq!(said, format!("palpate {}\n", palpate::VERSION));
+    assert!(
+        said.contains(env!("CARGO_PKG_VERSION")) && said.contains("features: devices, simulate"),
+        "{said}"
+    );
+}
+
 /// Body, friction, deflection and law of the paper's cylinder.
 const SPEC: &str = r#"
 [body.shape]

@@ -72,7 +72,7 @@ fn each_history_runs() {
     directory.refused(
         "validate ball.body bonded.toml",
         1,
-        &["bonded.toml", "contact", "--history frictionless-press"],
+        &["bonded.toml", "contact", "history frictionless-press"],
     );
     directory.refused("validate ball.body ball.toml --history none", 2, &["coulomb", "stick"]);
 }

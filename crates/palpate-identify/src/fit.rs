@@ -5,7 +5,10 @@ use crate::samples::{Component, Sample};
 use crate::spread::{place, spread};
 use glam::DVec3;
 use palpate_body::curve::MAX_KNOTS;
-use palpate_body::{BlendWeights, Curve, Extension, Interpolation, Response, Surface};
+use palpate_body::{
+    BlendWeights, Body, BodyError, BodyParts, Curve, Extension, Interpolation, Provenance, Response,
+    SlipRule, Surface, Tool,
+};
 use std::collections::HashMap;
 
 /// How samples become curves.
@@ -28,6 +31,42 @@ pub struct Fit {
     pub test_point_nodes: Vec<u32>,
     /// What became of the samples.
     pub report: FitReport,
+}
+
+/// What a fitted body has beside surface and responses.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BodyOptions {
+    /// The tool that the responses hold for.
+    pub tool: Tool,
+    /// The rule that its contacts slip by.
+    pub slip: SlipRule,
+    /// Whether slip is kept from giving out more energy than it has dissipated before.
+    pub tank: bool,
+    /// Where it comes from; the fit's own notes are added.
+    pub provenance: Provenance,
+}
+
+impl Fit {
+    /// The body of the surface that it was fitted on, with curves that are alike in all directions.
+    ///
+    /// # Errors
+    /// As [`Body::new`]: a value that is impossible, or a surface that the responses don't belong to.
+    pub fn into_body(self, surface: Surface, options: BodyOptions) -> Result<Body, BodyError> {
+        let BodyOptions { tool, slip, tank, mut provenance } = options;
+        provenance.notes.extend(self.report.notes);
+        Body::new(BodyParts {
+            surface,
+            blends: self.blends,
+            responses: self.responses,
+            test_point_nodes: self.test_point_nodes,
+            coupled: None,
+            lateral_tensors: None,
+            tool,
+            slip,
+            tank,
+            provenance,
+        })
+    }
 }
 
 /// What became of the samples.

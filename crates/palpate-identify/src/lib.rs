@@ -40,7 +40,7 @@ mod test_points;
 
 pub use coupled::{CoupledFit, CoupledOptions, fit_coupled, further_points};
 pub use error::FitError;
-pub use fit::{Fit, FitOptions, FitReport, PointReport, fit};
+pub use fit::{BodyOptions, Fit, FitOptions, FitReport, PointReport, fit};
 pub use paths::{DragRecord, PathFit, PathOptions, PointFit, PointRecord, fit_paths, fit_point};
 pub use potential::{ContactSample, ContactStiffness, PotentialFit, PotentialOptions, fit_potential};
 pub use samples::{Component, Sample, read_samples};

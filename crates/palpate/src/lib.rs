@@ -29,6 +29,7 @@
 pub use palpate_body as body;
 #[cfg(feature = "simulate")]
 pub use palpate_build as build;
+pub use palpate_certify as certify;
 pub use palpate_device as device;
 pub use palpate_engine as engine;
 pub use palpate_files as files;
@@ -41,7 +42,29 @@ pub use palpate_runtime::{
     Controls, LiveSession, Outcome, PreparedSession, SessionBody, SessionConfig, SessionError, run_virtual,
 };
 
+/// Version, commit and features: "0.1.0 (commit 0123456789ab; features: devices, simulate)". The commit is known in release builds
+/// from a repository's checkout, or where `PALPATE_COMMIT` said it to the build.
+pub const VERSION: &str = env!("PALPATE_BUILT_VERSION");
+
 /// The README's programs, compiled and run.
 #[cfg(doctest)]
 #[doc = include_str!("../../../README.md")]
 struct Readme;
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_version_says_commit_and_features() {
+        let (number, rest) = super::VERSION.split_once(" (").unwrap();
+        assert_eq!(number, env!("CARGO_PKG_VERSION"));
+        let (built, features) = rest.trim_end_matches(')').split_once("; features: ").unwrap();
+        assert!(built.starts_with("commit ") || built == "development build", "{built}");
+        for (name, is_on) in
+            [("devices", cfg!(feature = "devices")), ("simulate", cfg!(feature = "simulate"))]
+        {
+            assert_eq!(features.contains(name), is_on, "{features}");
+        }
+        // The same bytes wherever it was built.
+        assert!(!super::VERSION.contains(['/', '\\']), "{}", super::VERSION);
+    }
+}

@@ -78,6 +78,15 @@ void without_exceptions(const palpate::Body &ball) {
     auto progress = [](std::uint64_t, std::uint64_t, const char *) { return true; };
     EXPECT(palpate::Body::try_from_spec("no such.toml", nullptr, 1, progress, body, &message) != Status::ok);
     EXPECT(ball.try_save("no such folder/x.body", &message) == Status::body);
+    palpate::LoopDevice device;
+    EXPECT(palpate::LoopDevice::try_of("wand", 1000, device, &message) == Status::invalid);
+    EXPECT(palpate::LoopDevice::try_of("touch", 1000, device) == Status::ok && device.damping_n_s_per_m > 0);
+    palpate::CertifyOptions certify_options;
+    palpate::Certificate certificate;
+    certify_options.device = &device;
+    std::uint64_t elements = 0;
+    auto few = [&](std::uint64_t done, std::uint64_t) { return (elements = done) < 3; };
+    EXPECT(ball.try_certify(certify_options, few, certificate, &message) == Status::cancelled && elements >= 3);
     palpate::BodyInfo info;
     EXPECT(ball.try_inspect(info) == Status::ok && info.elements == BALL_TRIANGLES);
     EXPECT(body.try_inspect(info) == Status::closed);

@@ -1,5 +1,5 @@
 /* Everything that must not be done, and the status that each gives. Run under address and undefined-behaviour sanitizers it also shows
- * that none of it reads or writes what it should not. With the argument `threads` it is only two threads on one contact: a thread
+ * that none of it reads or writes what it should not. With the argument `threads` it is only two threads on one contact, and on thousands: a thread
  * sanitizer sees the C side, and not what the library's own threads agree upon. */
 
 #define _POSIX_C_SOURCE 200809L
@@ -38,6 +38,46 @@ static int wrong = 0;
 
 static palpate_error error = PALPATE_ERROR_INIT;
 
+static void certificates(palpate_body ball)
+{
+    palpate_certify_options options = PALPATE_CERTIFY_OPTIONS_INIT;
+    palpate_loop_device device = PALPATE_LOOP_DEVICE_INIT;
+    palpate_certificate certificate = PALPATE_CERTIFICATE_INIT;
+
+    NULL_(palpate_loop_device_of(NULL, 1000, &device, &error));
+    NULL_(palpate_loop_device_of("touch", 1000, NULL, &error));
+    INVALID(palpate_loop_device_of("wand", 1000, &device, &error));
+    SAYS("falcon");
+    INVALID(palpate_loop_device_of("touch", 0, &device, &error));
+    OK(palpate_loop_device_of("touch", 1000, &device, &error));
+    NULL_(palpate_body_certify(ball, &options, NULL, NULL, NULL, &error));
+    options.device = &device;
+    device.struct_size--;
+    SIZE(palpate_body_certify(ball, &options, NULL, NULL, &certificate, &error));
+    device.struct_size++;
+    options.struct_size--;
+    SIZE(palpate_body_certify(ball, &options, NULL, NULL, &certificate, &error));
+    options.struct_size++;
+    certificate.struct_size++;
+    SIZE(palpate_body_certify(ball, &options, NULL, NULL, &certificate, &error));
+    certificate.struct_size--;
+    options.step_m = -1;
+    INVALID(palpate_body_certify(ball, &options, NULL, NULL, &certificate, &error));
+    SAYS("step_m");
+    CLOSED(palpate_body_certify((palpate_body){12345}, NULL, NULL, NULL, &certificate, &error));
+    /* Little effort proves little, but counts every element. */
+    options.step_m = 1e-4;
+    options.evaluations = 1;
+    options.threads = 2;
+    options.slip_rule = PALPATE_SLIP_PAPER;
+    OK(palpate_body_certify(ball, &options, NULL, NULL, &certificate, &error));
+    if (certificate.passive_proved_elements + certificate.passive_failing_elements +
+            certificate.passive_undecided_elements != certificate.elements) {
+        fprintf(stderr, "elements are missing\n");
+        wrong++;
+    }
+}
+
 static void bodies(palpate_body ball)
 {
     palpate_body_info info = PALPATE_BODY_INFO_INIT;
@@ -70,6 +110,7 @@ static void bodies(palpate_body ball)
     SIZE(palpate_body_inspect(ball, &info));
     info.struct_size++;
     OK(palpate_body_inspect(ball, &info));
+    certificates(ball);
     NULL_(palpate_body_stiffness(ball, depths, NULL, 1, NULL));
     EXPECT(PALPATE_STATUS_TOO_SMALL, palpate_body_stiffness(ball, depths, NULL, 1, &count));
     /* Exactly as long as they must be: one more would be seen. */
@@ -277,6 +318,64 @@ static void *ride(void *user)
     return NULL;
 }
 
+struct crowd {
+    palpate_body body;
+    double sum_n;
+    long failed;
+};
+
+/* Three thousand contacts, a hundred at a time: made, pressed and dragged, copied, closed. */
+static void *come_and_go(void *user)
+{
+    enum { ROUNDS = 30, AT_A_TIME = 100, POSES = 12 };
+    struct crowd *crowd = user;
+    palpate_tool_state tool = PALPATE_TOOL_STATE_INIT;
+    palpate_output output = PALPATE_OUTPUT_INIT;
+    palpate_contact contacts[AT_A_TIME], copy;
+    int round, c, k;
+    for (round = 0; round < ROUNDS; round++) {
+        for (c = 0; c < AT_A_TIME; c++)
+            crowd->failed += palpate_contact_create(crowd->body, NULL, &contacts[c], NULL) != PALPATE_STATUS_OK;
+        for (k = 0; k < POSES; k++) {
+            for (c = 0; c < AT_A_TIME; c++) {
+                tool.position_m[0] = 1e-5 * c + 2e-4 * k;
+                tool.position_m[2] = 0.0305 - 3e-4 * k;
+                crowd->failed += palpate_contact_step(contacts[c], &tool, 1e-3, &output) != PALPATE_STATUS_OK;
+                crowd->sum_n += output.force_n[0] + output.force_n[2];
+            }
+        }
+        for (c = 0; c < AT_A_TIME; c++) {
+            crowd->failed += palpate_contact_snapshot(contacts[c], &copy) != PALPATE_STATUS_OK;
+            crowd->failed += palpate_contact_restore(contacts[(c + 1) % AT_A_TIME], copy) != PALPATE_STATUS_OK;
+            crowd->failed += palpate_contact_close(copy) != PALPATE_STATUS_OK;
+        }
+        for (c = 0; c < AT_A_TIME; c++) {
+            crowd->failed += palpate_contact_close(contacts[c]) != PALPATE_STATUS_OK;
+            crowd->failed += palpate_contact_close(contacts[c]) != PALPATE_STATUS_CLOSED;
+        }
+    }
+    return NULL;
+}
+
+/* Thousands of contacts on one body, from two threads that know nothing of each other. */
+static void crowds(palpate_body ball)
+{
+    struct crowd crowds[2] = {{{0}, 0, 0}, {{0}, 0, 0}};
+    pthread_t thread;
+    crowds[0].body = crowds[1].body = ball;
+    if (pthread_create(&thread, NULL, come_and_go, &crowds[0])) {
+        wrong++;
+        return;
+    }
+    come_and_go(&crowds[1]);
+    pthread_join(thread, NULL);
+    if (crowds[0].failed || crowds[1].failed || crowds[0].sum_n != crowds[1].sum_n || !(crowds[0].sum_n > 100)) {
+        fprintf(stderr, "two crowds of contacts: %ld and %ld calls failed, %.17g and %.17g N\n", crowds[0].failed,
+                crowds[1].failed, crowds[0].sum_n, crowds[1].sum_n);
+        wrong++;
+    }
+}
+
 /* Two threads on one contact. */
 static void threads(palpate_body ball)
 {
@@ -470,6 +569,7 @@ int main(int argc, char **argv)
     OK(make_ball(&ball, &error));
     if (argc > 1 && strcmp(argv[1], "threads") == 0) {
         threads(ball);
+        crowds(ball);
         OK(palpate_body_close(ball));
         printf("%d wrong\n", wrong);
         return wrong == 0 ? 0 : 1;
@@ -489,6 +589,7 @@ int main(int argc, char **argv)
     bodies(ball);
     contacts(ball, other);
     threads(ball);
+    crowds(ball);
     sessions(ball);
 
     OK(palpate_body_close(ball));

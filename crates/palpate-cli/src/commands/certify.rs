@@ -1,16 +1,16 @@
 //! `palpate certify`.
 
 use super::Failure;
-use crate::certify::witness::{self, Shown};
-use crate::certify::{Certificate, Element, Holds, certificate, device, elements, floor, window};
 use crate::{console, vtu};
 use palpate_body::{Body, SlipRule};
+use palpate_certify::witness::Shown;
+use palpate_certify::{Certificate, Certified, Element, Holds, Question, Verdict, certify, device, floor};
 use palpate_device::presets;
 use palpate_engine::Waypoint;
-use palpate_engine::certify::{Assumptions, Bounds, Criterion, Effort, ElementStates, least};
+use palpate_engine::certify::Assumptions;
 use palpate_files as files;
-use rayon::prelude::*;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 
 /// Prove that a body is passive and free of snaps, or show where it is not
 ///
@@ -81,9 +81,6 @@ pub struct Args {
     delay_samples: Option<u32>,
 }
 
-/// Elements with the worst margins whose states are tried as witnesses.
-const WITNESSES_TRIED: usize = 40;
-
 /// Runs the command.
 ///
 /// # Errors
@@ -105,7 +102,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         )
         .into());
     }
-    let evaluations = args.evaluations.unwrap_or_else(|| crate::certify::evaluations(&body, rule));
+    let evaluations = args.evaluations.unwrap_or_else(|| palpate_certify::evaluations(&body, rule));
     let assumptions = Assumptions {
         slip: rule,
         step_m: args.step_mm * 1e-3,
@@ -125,22 +122,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             report.largest_friction
         ));
     }
-    let elements = elements(&body, &assumptions, evaluations);
-    let mut found = certificate(&body, &assumptions, &elements);
-    if args.window {
-        found.window = window(&body, &assumptions);
-    }
-    found.device = args.device().map(|device| {
-        let pace = (device.position_error_m > 0.0 && found.snap_free.holds)
-            .then(|| pace(&body, &assumptions, &elements, evaluations))
-            .flatten();
-        device::limits(&body, device, found.lipschitz_n_per_m, pace)
-    });
-    let tried = |bounds: fn(&Element) -> &Bounds, of: WitnessOf| {
-        worst(&elements, bounds).find_map(|(e, b)| of(&body, &assumptions, e, &b.at?))
+    let question =
+        Question { assumptions, evaluations: args.evaluations, device: args.device(), window: args.window };
+    let Some(Certified { certificate: mut found, elements }) =
+        certify(&body, &question, &|| (), &AtomicBool::new(false))?
+    else {
+        return Err(Failure::Interrupted("stopped".into()));
     };
-    found.passive.witness = tried(|e| &e.passive, witness::of_energy);
-    found.snap_free.witness = tried(|e| &e.snap_free, witness::of_snap);
     if let Some(folder) = &args.witness {
         files::make_folder(folder)?;
         for (holds, path) in [&mut found.passive, &mut found.snap_free].into_iter().zip(paths) {
@@ -162,8 +150,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     verdict(&found)
 }
-
-type WitnessOf = fn(&Body, &Assumptions, u32, &palpate_engine::certify::Cell) -> Option<Shown>;
 
 impl Args {
     fn check(&self) -> anyhow::Result<()> {
@@ -211,28 +197,6 @@ impl Args {
     }
 }
 
-/// Elements that break a certificate, the worst first.
-fn worst(
-    elements: &[Element],
-    bounds: fn(&Element) -> &Bounds,
-) -> impl Iterator<Item = (u32, &Bounds)> + use<'_> {
-    let mut order: Vec<(u32, &Bounds)> = (0..).zip(elements.iter().map(bounds)).collect();
-    order.retain(|(_, b)| b.found < 0.0);
-    order.sort_by(|a, b| a.1.found.total_cmp(&b.1.found));
-    order.into_iter().take(WITNESSES_TRIED)
-}
-
-/// The bound of |Δc|/|Δx|.
-fn pace(body: &Body, assumptions: &Assumptions, elements: &[Element], evaluations: u32) -> Option<f64> {
-    let effort = Effort { evaluations, absolute: 0.01, relative: 0.1 };
-    let of = |(element, proved): (usize, &Element)| {
-        let patch = ElementStates::new(body, element as u32, assumptions).snap_free(proved.snap_free.proved);
-        least(Criterion::Pace, &patch, &patch.cells(), effort).proved
-    };
-    let least = elements.par_iter().enumerate().map(of).reduce(|| 0.0, f64::min);
-    (least > f64::NEG_INFINITY).then_some(-least)
-}
-
 fn write_path(path: &Path, body: &Path, rule: SlipRule, shown: &Shown) -> anyhow::Result<()> {
     files::replace(path, |out| {
         writeln!(
@@ -256,7 +220,7 @@ fn margins(elements: &[Element]) -> Vec<(&'static str, Vec<f64>)> {
     let each = |of: &dyn Fn(&Element) -> f64| {
         elements.iter().map(|e| Some(of(e)).filter(|x| x.is_finite()).unwrap_or(f64::NAN)).collect()
     };
-    let verdict = |v: crate::certify::Verdict| f64::from(v as u8);
+    let verdict = |v: Verdict| f64::from(v as u8);
     vec![
         ("passive_margin", each(&|e| e.passive.proved)),
         ("passive_found", each(&|e| e.passive.found)),

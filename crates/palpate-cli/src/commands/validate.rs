@@ -5,22 +5,13 @@ use super::precompute::cores;
 use crate::progress::Progress;
 use crate::validation_charts::charts;
 use crate::{console, plot};
-use anyhow::anyhow;
-use glam::DVec3;
 use palpate_body::Body;
-use palpate_build::Progress as _;
-use palpate_build::precompute::Prepared;
-use palpate_build::precompute::assemble::friction;
-use palpate_build::precompute::elements::Elements;
-use palpate_build::precompute::prepare::{inputs_of, margin, point_plan, prepare};
-use palpate_build::spec::{self, Simulation, Spec};
-use palpate_build::validate::{
-    self, Kept, SimulatedSurface, Simulator, Trial, Validation, touchable, validate,
-};
+use palpate_build::precompute::prepare::inputs_of;
+use palpate_build::spec::Spec;
+use palpate_build::validate::{self, Against, Validation, is_of_another_spec, validate_against};
 use palpate_files as files;
-use palpate_simulate::{Contact, FreePlan, PointPaths, PointPlan};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 /// What is simulated and rendered, as options name it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -95,6 +86,24 @@ pub struct Args {
     output: Option<PathBuf>,
 }
 
+/// Where simulated paths are kept.
+const SIMULATED: &str = "simulated.jsonl";
+
+impl Args {
+    fn against(&self) -> Against {
+        Against {
+            history: self.history.history(),
+            paths: self.paths as usize,
+            seed: self.seed,
+            at_test_points: self.at_test_points,
+            own: self.own,
+            steps: self.steps,
+            jobs: self.jobs.map_or_else(cores, |n| n as usize),
+            kept: self.output.as_ref().map(|folder| folder.join(SIMULATED)),
+        }
+    }
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -103,26 +112,19 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let body = Body::open(&args.body)?;
     let spec = Spec::read(&args.spec)?;
     let simulation = spec.simulation(&args.spec)?;
-    if args.history != History::FrictionlessPress
-        && let spec::Contact::Bonded { .. } = simulation.contact
-    {
-        return Err(anyhow!(
-            "{}: [tool] contact: a bonded patch neither slips nor lets go; give --history frictionless-press",
-            args.spec.display()
-        )
-        .into());
-    }
-    let names = ["validate.md", "validate.png", "states.csv", "simulated.jsonl"];
+    let against = args.against();
+    against.check(&simulation, &args.spec)?;
+    let names = ["validate.md", "validate.png", "states.csv", SIMULATED];
     let outputs: Vec<PathBuf> =
         args.output.iter().flat_map(|folder| names.map(|name| folder.join(name))).collect();
-    let simulated = inputs_of(&spec, &simulation);
-    let inputs = simulated.iter().chain([&args.body, &args.spec]);
-    let inputs: Vec<&Path> = inputs.map(PathBuf::as_path).collect();
+    let mut inputs = inputs_of(&spec, &simulation);
+    inputs.extend([args.body.clone(), args.spec.clone()]);
+    let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
     files::refuse_overwrite(&outputs, &inputs)?;
     if let Some(folder) = &args.output {
         files::make_folder(folder)?;
     }
-    if body.provenance().spec.as_ref().is_some_and(|made_from| *made_from != spec.text) {
+    if is_of_another_spec(&body, &spec) {
         console::note(&format!(
             "{}: {} was made from another spec; errors include what differs",
             args.spec.display(),
@@ -132,51 +134,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
     static CANCELLED: AtomicBool = AtomicBool::new(false);
     console::stop_on_signals(&CANCELLED)?;
-    let Prepared { solver, .. } = prepare(&spec, &simulation, &args.spec, &CANCELLED)?;
-    let model = solver.model();
-    let boundary = &model.boundary().nodes;
-    let held = boundary.iter().map(|&n| (model.mesh().positions[n as usize], model.is_held(n)));
-    let trial = Trial {
-        history: args.history.history(),
-        paths: args.paths as usize,
-        seed: args.seed,
-        at_test_points: args.at_test_points,
-        normal_max_m: simulation.deflection.normal_max_m,
-        lateral_max_m: simulation.deflection.lateral_max_m,
-        steps: args.steps.unwrap_or(simulation.deflection.steps),
-        drag_depths_m: simulation.drag_from.iter().map(|&i| simulation.depths_m[i]).collect(),
-        friction: friction(&simulation),
-        touchable: touchable(&body, held, margin(&simulation)?)?,
-    };
-    let bonded = match simulation.contact {
-        spec::Contact::Bonded { patch_radius_m } => Some(Contact::Bonded { patch_radius_m }),
-        _ => None,
-    };
-    let own = args.own.then_some(&simulation);
-    let simulator = Cancellable { solver: &solver, bonded, own, cancelled: &CANCELLED };
-    let jobs = args.jobs.map_or_else(cores, |n| n as usize);
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(jobs)
-        .build()
-        .map_err(|e| anyhow!("{jobs} threads can't be started ({e}); give fewer --jobs"))?;
-    let progress = Progress::default();
-    progress.begin(trial.paths, 0);
-    let kept = outputs.get(3).map(|path| Kept::open(&simulator, path, &spec.text, &simulated)).transpose()?;
-    let source: &dyn Simulator = kept.as_ref().map_or(&simulator, |kept| kept);
-    let result = pool.install(|| validate(&body, &trial, source, &|| progress.done(1)));
-    progress.end();
-    if let Some(Err(e)) = kept.map(Kept::finish) {
-        console::note(&format!("{}; its paths will be simulated again", files::message(&e)));
-    }
-    if CANCELLED.load(Ordering::Relaxed) {
+    let asked = (&spec, &simulation, args.spec.as_path());
+    let Some(validation) = validate_against(&body, asked, &against, &Progress::default(), &CANCELLED)? else {
         let what = if args.output.is_some() {
-            "stopped; the paths that were done are kept, the same command goes on"
+            "stopped; the paths that were done are kept, and the same command goes on"
         } else {
             "stopped; nothing was written"
         };
         return Err(Failure::Interrupted(what.into()));
-    }
-    let validation = result?;
+    };
     if let [table, picture, states, _] = &outputs[..] {
         files::replace(table, |out| Ok(out.write_all(document(&validation).as_bytes())?))?;
         plot::save(picture, &charts(&validation))?;
@@ -195,55 +161,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if validation.cut_short + validation.failed > 0 {
         console::note(&format!(
             "{} of {} paths ended early and count as far as they went; {} have no state and count nowhere",
-            validation.cut_short, trial.paths, validation.failed
+            validation.cut_short, args.paths, validation.failed
         ));
     }
     Ok(())
-}
-
-/// The spec's model and tool, until it is told to stop.
-struct Cancellable<'a> {
-    solver: &'a Elements,
-    /// The spec's contact, where it is that.
-    bonded: Option<Contact>,
-    /// Where each place's own potential is asked for.
-    own: Option<&'a Simulation>,
-    cancelled: &'a AtomicBool,
-}
-
-impl Cancellable<'_> {
-    /// What `simulate` finds, unless a signal came before.
-    fn unless_cancelled<T>(&self, simulate: impl FnOnce() -> Option<T>) -> Option<T> {
-        if self.cancelled.load(Ordering::Relaxed) { None } else { simulate() }
-    }
-}
-
-impl Simulator for Cancellable<'_> {
-    fn press(&self, plan: &PointPlan, sticking: bool) -> Option<PointPaths> {
-        let free = if sticking { Contact::Sticking } else { Contact::Frictionless };
-        let contact = self.bonded.unwrap_or(free);
-        let model = self.solver.model();
-        self.unless_cancelled(|| model.simulate(self.solver.tool(), contact, plan, self.cancelled))
-    }
-
-    fn follow(&self, plan: &FreePlan) -> Option<palpate_simulate::Path> {
-        let model = self.solver.model();
-        self.unless_cancelled(|| model.follow(self.solver.tool(), plan, self.cancelled))
-    }
-
-    fn surface(&self) -> SimulatedSurface {
-        let model = self.solver.model();
-        let boundary = model.boundary();
-        let index = |n: &u32| boundary.nodes.binary_search(n).unwrap_or_default() as u32;
-        SimulatedSurface {
-            positions: boundary.nodes.iter().map(|n| model.mesh().positions[*n as usize]).collect(),
-            faces: boundary.faces.iter().map(|face| face.each_ref().map(index)).collect(),
-        }
-    }
-
-    fn own_plan(&self, point: DVec3, inward: DVec3) -> Option<PointPlan> {
-        Some(point_plan(self.own?, point, inward, true))
-    }
 }
 
 fn document(v: &Validation) -> String {

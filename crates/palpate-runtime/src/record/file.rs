@@ -5,6 +5,9 @@ use crate::wrench::{components, quaternion};
 use crate::{Safety, WorkspaceMap};
 use bytemuck::{Zeroable, bytes_of, bytes_of_mut};
 use glam::DVec3;
+use palpate_body::BodyError;
+use palpate_body::file::Fingerprint;
+use palpate_files as files;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -61,6 +64,26 @@ pub struct BodyFile {
     pub name: String,
     /// Its file's SHA-256, in hexadecimal digits.
     pub sha256: String,
+}
+
+impl BodyFile {
+    /// The body file at `path`, with its digest, as recordings want it.
+    ///
+    /// # Errors
+    /// It can't be read, or is changed meanwhile.
+    pub fn of(path: &Path) -> anyhow::Result<Self> {
+        let fingerprint =
+            || files::open(path).and_then(|f| Fingerprint::of(&f).map_err(|e| BodyError::io(path, e).into()));
+        let before = fingerprint()?;
+        let sha256 = files::sha256(path)?;
+        anyhow::ensure!(
+            fingerprint()? == before,
+            "{}: it was changed meanwhile; start again",
+            path.display()
+        );
+        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        Ok(BodyFile { name, sha256 })
+    }
 }
 
 /// A [`WorkspaceMap`] as JSON.

@@ -1,8 +1,15 @@
 //! Certificates of a whole body: the engine's bounds element by element, on all cores, and what they add up to.
+//!
+//! [`certify`] answers a [`Question`]: P (passive), S (free of snaps) and L (how fast the force can change), with a path that
+//! shows what is broken ([`witness`]), and down to which depth a device's sampled loop is passive ([`device`]). [`floor`] raises a
+//! body's friction until P holds. What is proved, and how, is in `docs/passivity.md`.
 
 pub mod device;
 pub mod floor;
+mod question;
 pub mod witness;
+
+pub use question::{Certified, Question, certify, certify_on};
 
 use palpate_body::stiffness::{StiffnessAt, stiffness_max};
 use palpate_body::{Body, NO_TWIN, SlipRule};
@@ -11,6 +18,7 @@ use palpate_engine::certify::{
 };
 use rayon::prelude::*;
 use serde::Serialize;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Evaluations of a bound for each element and criterion, more while it is undecided ([`Effort::evaluations`]): 1,280
 /// elements with the rule `paper` then take 9 s of processor time. The drives with gradients take five to ten times as long
@@ -74,17 +82,26 @@ impl Element {
     }
 }
 
-/// Bounds of every element of a body, in their order.
-pub fn elements(body: &Body, assumptions: &Assumptions, evaluations: u32) -> Vec<Element> {
+/// Bounds of every element of a body, in their order; none once `cancelled` is true. `done` is called after each.
+pub fn elements(
+    body: &Body,
+    assumptions: &Assumptions,
+    evaluations: u32,
+    done: &(dyn Fn() + Sync),
+    cancelled: &AtomicBool,
+) -> Option<Vec<Element>> {
     (0..body.elements().len() as u32)
         .into_par_iter()
         .map(|element| {
+            if cancelled.load(Ordering::Relaxed) {
+                return None;
+            }
             let patch = ElementStates::new(body, element, assumptions);
             let cells = patch.cells();
             let effort = |absolute| Effort { evaluations, absolute, relative: 0.1 };
             let snap_free = least(Criterion::SnapFree, &patch, &cells, effort(1.0));
             let too_far = patch.holds_too_far();
-            Element {
+            let found = Element {
                 passive: least(Criterion::Passive, &patch, &cells, effort(0.01)),
                 lipschitz: (snap_free.proved > 0.0).then(|| {
                     least(Criterion::Lipschitz, &patch.snap_free(snap_free.proved), &cells, effort(1.0))
@@ -92,7 +109,9 @@ pub fn elements(body: &Body, assumptions: &Assumptions, evaluations: u32) -> Vec
                 snap_free,
                 creased: is_creased(body, element),
                 too_far,
-            }
+            };
+            done();
+            Some(found)
         })
         .collect()
 }

@@ -1,0 +1,153 @@
+//! A question to a body, and all that is found out about it.
+
+use crate::device::{self, Device};
+use crate::witness::{self, Shown};
+use crate::{Certificate, Element, certificate, elements, evaluations, window};
+use anyhow::{Result, anyhow, ensure};
+use palpate_body::Body;
+use palpate_engine::certify::{Assumptions, Bounds, Cell, Criterion, Effort, ElementStates, least};
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Elements with the worst margins whose states are tried as witnesses.
+const WITNESSES_TRIED: usize = 40;
+
+/// What is asked of a body.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Question {
+    /// For which motions.
+    pub assumptions: Assumptions,
+    /// Bounds computed for each element and certificate, at most; [`evaluations`] where there is none.
+    pub evaluations: Option<u32>,
+    /// The device whose sampled loop is judged, too.
+    pub device: Option<Device>,
+    /// Whether to search how P and S fare with less and more friction.
+    pub window: bool,
+}
+
+impl Question {
+    /// Of the body's own rule, and no device.
+    pub fn of(body: &Body) -> Self {
+        Question {
+            assumptions: Assumptions { slip: body.slip(), ..Assumptions::default() },
+            evaluations: None,
+            device: None,
+            window: false,
+        }
+    }
+
+    fn check(&self) -> Result<()> {
+        let positive = |name: &str, x: f64| {
+            ensure!(x > 0.0 && x.is_finite(), "{name} is {x}; give a number above 0");
+            Ok(())
+        };
+        let not_negative = |name: &str, x: f64| {
+            ensure!(x >= 0.0 && x.is_finite(), "{name} is {x}; give 0 or more");
+            Ok(())
+        };
+        positive("step_m", self.assumptions.step_m)?;
+        positive("depth_m", self.assumptions.depth_m.unwrap_or(1.0))?;
+        let Some(device) = &self.device else { return Ok(()) };
+        positive("rate_hz", device.rate_hz)?;
+        not_negative("damping_n_s_per_m", device.damping_n_s_per_m)?;
+        not_negative("position_error_m", device.position_error_m)?;
+        not_negative("coulomb_n", device.coulomb_n)?;
+        not_negative("delay_samples", device.delay_samples)
+    }
+}
+
+/// What was found out.
+#[derive(Debug, Clone)]
+pub struct Certified {
+    /// Of the whole body.
+    pub certificate: Certificate,
+    /// Of each element.
+    pub elements: Vec<Element>,
+}
+
+/// Answers a question on the threads of rayon's pool that it is called in. `done` is called after each element; nothing is
+/// answered once `cancelled` is true.
+///
+/// # Errors
+/// A number that can't be, by its name.
+pub fn certify(
+    body: &Body,
+    question: &Question,
+    done: &(dyn Fn() + Sync),
+    cancelled: &AtomicBool,
+) -> Result<Option<Certified>> {
+    question.check()?;
+    let assumptions = &question.assumptions;
+    let evaluations = question.evaluations.unwrap_or_else(|| evaluations(body, assumptions.slip));
+    let Some(elements) = elements(body, assumptions, evaluations, done, cancelled) else { return Ok(None) };
+    let mut found = certificate(body, assumptions, &elements);
+    if question.window {
+        found.window = window(body, assumptions);
+    }
+    if let Some(device) = question.device {
+        let asked = device.position_error_m > 0.0 && found.snap_free.holds;
+        let pace = if asked { pace(body, assumptions, &elements, evaluations, cancelled) } else { None };
+        found.device = Some(device::limits(body, device, found.lipschitz_n_per_m, pace));
+    }
+    let tried = |bounds: fn(&Element) -> &Bounds, of: WitnessOf| {
+        worst(&elements, bounds)
+            .take_while(|_| !cancelled.load(Ordering::Relaxed))
+            .find_map(|(e, b)| of(body, assumptions, e, &b.at?))
+    };
+    found.passive.witness = tried(|e| &e.passive, witness::of_energy);
+    found.snap_free.witness = tried(|e| &e.snap_free, witness::of_snap);
+    // What was cut short is no answer.
+    let answer = Certified { certificate: found, elements };
+    Ok((!cancelled.load(Ordering::Relaxed)).then_some(answer))
+}
+
+/// The same on threads of its own, which end with the call: so many, or one for each core with 0.
+///
+/// # Errors
+/// As [`certify`], or the system gives no threads.
+pub fn certify_on(
+    threads: usize,
+    body: &Body,
+    question: &Question,
+    done: &(dyn Fn() + Sync),
+    cancelled: &AtomicBool,
+) -> Result<Option<Certified>> {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.min(1024))
+        .build()
+        .map_err(|e| anyhow!("threads can't be started ({e}); give fewer"))?;
+    pool.install(|| certify(body, question, done, cancelled))
+}
+
+type WitnessOf = fn(&Body, &Assumptions, u32, &Cell) -> Option<Shown>;
+
+/// Elements that break a certificate, the worst first.
+fn worst(
+    elements: &[Element],
+    bounds: fn(&Element) -> &Bounds,
+) -> impl Iterator<Item = (u32, &Bounds)> + use<'_> {
+    let mut order: Vec<(u32, &Bounds)> = (0..).zip(elements.iter().map(bounds)).collect();
+    order.retain(|(_, b)| b.found < 0.0);
+    order.sort_by(|a, b| a.1.found.total_cmp(&b.1.found));
+    order.into_iter().take(WITNESSES_TRIED)
+}
+
+/// The bound of |Δc|/|Δx|.
+fn pace(
+    body: &Body,
+    assumptions: &Assumptions,
+    elements: &[Element],
+    evaluations: u32,
+    cancelled: &AtomicBool,
+) -> Option<f64> {
+    let effort = Effort { evaluations, absolute: 0.01, relative: 0.1 };
+    let of = |(element, proved): (usize, &Element)| {
+        if cancelled.load(Ordering::Relaxed) {
+            return f64::NEG_INFINITY;
+        }
+        let patch = ElementStates::new(body, element as u32, assumptions).snap_free(proved.snap_free.proved);
+        least(Criterion::Pace, &patch, &patch.cells(), effort).proved
+    };
+    let least = elements.par_iter().enumerate().map(of).reduce(|| 0.0, f64::min);
+    (least > f64::NEG_INFINITY).then_some(-least)
+}
