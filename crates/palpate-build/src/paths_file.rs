@@ -155,6 +155,9 @@ struct PathEntry {
     states: u32,
     #[serde(skip_serializing_if = "Option::is_none", default)]
     stopped: Option<StopEntry>,
+    /// See [`LoadPath::halved`].
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    halved: Option<f64>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -167,7 +170,7 @@ struct StopEntry {
 impl PathEntry {
     fn of(path: &LoadPath) -> Self {
         let stopped = path.stopped.as_ref().map(|s| StopEntry { at_m: s.at_m, why: s.why.clone() });
-        PathEntry { states: path.states.len() as u32, stopped }
+        PathEntry { states: path.states.len() as u32, stopped, halved: path.halved }
     }
 }
 
@@ -318,6 +321,7 @@ impl Point {
         let mut path = |entry: &PathEntry| LoadPath {
             states: rows.by_ref().take(entry.states as usize).collect(),
             stopped: entry.stopped.as_ref().map(|s| Stop { at_m: s.at_m, why: s.why.clone() }),
+            halved: entry.halved,
         };
         let mut paths = PointPaths {
             press: path(&self.entry.press),

@@ -9,6 +9,7 @@
 //! Where the error comes from shows when the same motion is rendered by a body that lacks one ingredient: see
 //! [`Source`].
 
+use crate::precompute::assemble::steps_told;
 use anyhow::{Result, anyhow, bail};
 use errors::{lateral_part, normal_part};
 use glam::DVec3;
@@ -342,6 +343,8 @@ pub struct PathResult {
     pub largest_force_n: f64,
     /// Where the simulation ended early, and why.
     pub stopped: Option<String>,
+    /// By how much halving the simulation's load steps changes a force, in % of it, where that was checked.
+    pub halving_percent: Option<f64>,
     /// Every source's, the body's first.
     pub sources: Vec<Answer>,
     /// State by state.
@@ -350,6 +353,13 @@ pub struct PathResult {
     /// The deformed surface at the states that touch on both sides; and a dimple's in its place.
     #[serde(skip)]
     pub surface: [Vec<SurfaceError>; 2],
+}
+
+impl Validation {
+    /// What is to be said of the simulation's load steps, where they matter.
+    pub fn steps_told(&self) -> Option<String> {
+        steps_told(self.paths.iter().map(|p| p.halving_percent.map(|h| h / 100.0)))
+    }
 }
 
 impl PathResult {
@@ -421,6 +431,18 @@ enum Plan {
 enum Simulated {
     Press(PointPaths),
     Free(LoadPath),
+}
+
+impl Simulated {
+    /// The most of its paths'.
+    fn halved(&self) -> Option<f64> {
+        match self {
+            Simulated::Free(path) => path.halved,
+            Simulated::Press(paths) => {
+                std::iter::once(&paths.press).chain(&paths.drags).filter_map(|p| p.halved).reduce(f64::max)
+            }
+        }
+    }
 }
 
 impl Tried {
@@ -667,6 +689,7 @@ fn compare<'v>(
         distance_m: tried.distance,
         largest_force_n: force,
         stopped,
+        halving_percent: simulated.halved().map(|h| 100.0 * h),
         sources: sources.collect(),
         states,
         surface,

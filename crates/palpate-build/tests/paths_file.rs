@@ -58,8 +58,13 @@ fn record(index: u32) -> (PathsRecord, PointPaths) {
         displacement_m: Vec::new(),
         iterations: 7,
     };
-    let press = LoadPath { states: plan.depths.iter().map(|&d| state(d, 0.0)).collect(), stopped: None };
-    let drag = LoadPath { states: vec![State { tangent: None, ..state(2e-3, 1e-3) }], stopped: None };
+    let press = LoadPath {
+        states: plan.depths.iter().map(|&d| state(d, 0.0)).collect(),
+        stopped: None,
+        halved: None,
+    };
+    let drag =
+        LoadPath { states: vec![State { tangent: None, ..state(2e-3, 1e-3) }], stopped: None, halved: None };
     let paths = PointPaths { press, drags: vec![drag] };
     let surface =
         TriangleMesh { positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y], triangles: vec![[0, 1, 2]] };

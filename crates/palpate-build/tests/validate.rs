@@ -164,7 +164,7 @@ impl Simulator for Engine<'_> {
                 ..State::default()
             }
         });
-        Some(Path { states: states.collect(), stopped: None })
+        Some(Path { states: states.collect(), stopped: None, halved: None })
     }
 }
 
@@ -183,10 +183,10 @@ impl<F: Fn(&PointPlan, f64, DVec3) -> DVec3 + Sync> Simulator for Law<F> {
         let drag = |d: &palpate_simulate::Drag| {
             let depth = plan.depths[d.from];
             let states = d.distances.iter().map(|&s| state(depth, s, d.direction * s)).collect();
-            Path { states, stopped: None }
+            Path { states, stopped: None, halved: None }
         };
         let drags = plan.drags.iter().map(drag).collect();
-        Some(PointPaths { press: Path { states: press, stopped: None }, drags })
+        Some(PointPaths { press: Path { states: press, stopped: None, halved: None }, drags })
     }
 
     fn follow(&self, _: &FreePlan) -> Option<Path> {
@@ -624,7 +624,7 @@ fn a_path_that_ends_early_counts_as_far_as_it_went() {
                 p.press.stopped = stop;
                 p.drags.iter_mut().for_each(|d| d.states.clear());
             } else if plan.point.y < -20e-3 {
-                p = PointPaths { press: Path { states: Vec::new(), stopped: stop }, drags: Vec::new() };
+                p = PointPaths { press: Path { stopped: stop, ..Path::default() }, drags: Vec::new() };
             }
             Some(p)
         }
@@ -636,7 +636,7 @@ fn a_path_that_ends_early_counts_as_far_as_it_went() {
                 path.states.truncate(4);
                 path.stopped = stop;
             } else if plan.point.y < -20e-3 {
-                path = Path { states: Vec::new(), stopped: stop };
+                path = Path { stopped: stop, ..Path::default() };
             }
             Some(path)
         }
@@ -831,10 +831,10 @@ impl Simulator for Moving<'_> {
         let drags = plan.drags.iter().map(|d| {
             let states =
                 d.distances.iter().map(|&s| state(plan.depths[d.from], s, d.direction * s)).collect();
-            Path { states, stopped: None }
+            Path { states, stopped: None, halved: None }
         });
         let drags = drags.collect();
-        Some(PointPaths { press: Path { states: press, stopped: None }, drags })
+        Some(PointPaths { press: Path { states: press, stopped: None, halved: None }, drags })
     }
 
     fn follow(&self, _: &FreePlan) -> Option<Path> {

@@ -90,7 +90,7 @@ impl PointSolver for Fake {
             }
             let depth = plan.depths[drag.from];
             let states = drag.distances.iter().map(|&s| state(depth, s, drag.direction)).collect();
-            LoadPath { states, stopped: None }
+            LoadPath { states, stopped: None, halved: None }
         });
         Some(PointPaths { press, drags: drags.collect() })
     }

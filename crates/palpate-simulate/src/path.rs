@@ -58,6 +58,9 @@ pub struct Path {
     pub states: Vec<State>,
     /// Why it ended early.
     pub stopped: Option<Stop>,
+    /// By how much a force differs from that of twice as many load steps on the way from the state before, in parts of it: the most
+    /// of the states that were checked. None where none was.
+    pub halved: Option<f64>,
 }
 
 /// An equilibrium.

@@ -135,8 +135,16 @@ impl Model {
                 None | Some(0.0) => Friction::None,
                 Some(coefficient) => Friction::Coulomb(coefficient),
             };
+            let before = walker.snapshot();
             if !walker.lead(&mut path, &target, target.distance_m, cancelled)? {
                 break;
+            }
+            if path.states.len().is_multiple_of(CHECKED) {
+                let (after, trail) = (walker.snapshot(), walker.trail.clone());
+                let (travelled, direction) = (walker.travelled, walker.direction);
+                walker.check(&mut path, &before, &target, cancelled)?;
+                walker.go_back(&after);
+                (walker.trail, walker.travelled, walker.direction) = (trail, travelled, direction);
             }
         }
         Some((path, walker.solver.counts))
@@ -323,7 +331,7 @@ fn extent(positions: &[DVec3]) -> (DVec3, DVec3) {
 impl PointPlan {
     /// Paths without any state, and why.
     fn stopped(&self, stop: Stop) -> PointPaths {
-        let press = Path { states: Vec::new(), stopped: Some(stop) };
+        let press = Path { stopped: Some(stop), ..Path::default() };
         PointPaths { press, drags: vec![Path::default(); self.drags.len()] }
     }
 }
@@ -371,6 +379,9 @@ struct Target {
     distance_m: f64,
 }
 
+/// Every so many states of a free path one is found again in shorter load steps.
+const CHECKED: usize = 10;
+
 /// A load on its way.
 struct LoadStepper<'m, 't> {
     solver: Solver<'m>,
@@ -386,6 +397,8 @@ struct LoadStepper<'m, 't> {
     direction: DVec3,
     /// The last equilibrium's.
     resultant: Resultant,
+    /// How many times as many load steps as usual.
+    finer: f64,
 }
 
 /// What a drag starts from.
@@ -408,6 +421,7 @@ impl<'m, 't> LoadStepper<'m, 't> {
             travelled: 0.0,
             direction: DVec3::ZERO,
             resultant: Resultant::default(),
+            finer: 1.0,
         };
         walker.remember();
         walker
@@ -416,8 +430,10 @@ impl<'m, 't> LoadStepper<'m, 't> {
     fn run(mut self, plan: &PointPlan, cancelled: &AtomicBool) -> Option<(PointPaths, Counts)> {
         let mut paths = PointPaths::default();
         let mut pressed: Vec<Option<Snapshot>> = Vec::new();
+        let mut last = None;
         for (i, &depth) in plan.depths.iter().enumerate() {
             let target = Target { pose: (plan.inward * depth).into(), depth_m: depth, distance_m: 0.0 };
+            let before = self.snapshot();
             if !self.lead(&mut paths.press, &target, depth, cancelled)? {
                 break;
             }
@@ -426,6 +442,10 @@ impl<'m, 't> LoadStepper<'m, 't> {
             }
             let wanted = plan.drags.iter().any(|drag| drag.from == i);
             pressed.push(wanted.then(|| self.snapshot()));
+            last = Some((before, target));
+        }
+        if let Some((before, target)) = last {
+            self.check(&mut paths.press, &before, &target, cancelled)?;
         }
         // Drags from the same state begin with the same factor.
         let mut shared: Option<(usize, NearField)> = None;
@@ -447,12 +467,19 @@ impl<'m, 't> LoadStepper<'m, 't> {
                     shared = self.solver.near.as_ref().filter(|_| there).map(|near| (drag.from, near.copy()));
                 }
             }
+            let mut last = None;
             for &distance in &drag.distances {
+                let before = self.snapshot();
                 let pose = FreePose { offset: snapshot.at.offset + drag.direction * distance, ..snapshot.at };
                 let target = Target { pose, depth_m: plan.depths[drag.from], distance_m: distance };
                 if !self.lead(&mut path, &target, distance, cancelled)? {
                     break;
                 }
+                last = Some((before, target));
+            }
+            // One speaks for all: they are alike, and a check costs half as much as a drag.
+            if let Some((before, target)) = last.filter(|_| paths.drags.is_empty()) {
+                self.check(&mut path, &before, &target, cancelled)?;
             }
             paths.drags.push(path);
         }
@@ -467,6 +494,33 @@ impl<'m, 't> LoadStepper<'m, 't> {
             Err(failure) => path.stopped = Some(Stop { at_m, why: failure.words().into() }),
         }
         Some(path.stopped.is_none())
+    }
+
+    /// Finds the last state of `path`, at `target`, again from the state before in half the load steps, and tells the path how much that
+    /// changes. The load ends where that led. `None` if cancelled.
+    fn check(
+        &mut self,
+        path: &mut Path,
+        before: &Snapshot,
+        target: &Target,
+        cancelled: &AtomicBool,
+    ) -> Option<()> {
+        let Some(found) = path.states.last() else { return Some(()) };
+        let (force, most) = (found.force_n, path.halved.unwrap_or(0.0));
+        self.restore(before);
+        self.finer = 2.0;
+        let again = self.go(target, cancelled);
+        self.finer = 1.0;
+        match again {
+            Ok(again) => {
+                let least = self.solver.model.least_force_n;
+                path.halved = Some(most.max(again.force_n.distance(force) / force.length().max(least)));
+            }
+            Err(Failure::Cancelled) => return None,
+            // That it can't be found in shorter steps says nothing of it.
+            Err(_) => {}
+        }
+        Some(())
     }
 
     fn snapshot(&self) -> Snapshot {
@@ -518,12 +572,12 @@ impl<'m, 't> LoadStepper<'m, 't> {
     fn pieces(&self, target: &Target) -> f64 {
         let Load::Tool(contact) = &self.load else { return 1.0 };
         let share = match self.friction {
-            Friction::None => return 1.0,
+            Friction::None => return self.finer,
             Friction::Sticking => STICKING_STEP,
             Friction::Coulomb(_) => SLIPPING_STEP,
         };
         let size = contact.tool().size_m(target.depth_m.max(0.0));
-        (self.at.way_to(&target.pose) / (share * size) - 1e-6).ceil().clamp(1.0, MAX_PIECES)
+        (self.at.way_to(&target.pose) / (share * size) - 1e-6).ceil().clamp(1.0, MAX_PIECES) * self.finer
     }
 
     /// Goes to the target, in smaller steps where the whole one fails.

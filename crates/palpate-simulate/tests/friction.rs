@@ -163,6 +163,40 @@ fn a_sliding_loop_dissipates() {
     assert!(work > largest * 0.2 * DEPTH_M, "{work} J");
 }
 
+/// What halving the load steps changes is told: of a press, of one drag of a place, and of every tenth state of a free path; and the
+/// path goes on as if nobody had asked.
+#[test]
+fn paths_tell_what_halving_their_load_steps_changes() {
+    let model = half_space(POISSON);
+    let drag = |direction: DVec3| Drag { from: 9, direction, distances: vec![0.1 * DEPTH_M, 0.2 * DEPTH_M] };
+    // Twice as deep in one load step is too much, and the path says so.
+    let hasty = pressed(&model, Contact::Sticking, &depths(3), Vec::new()).press.halved.unwrap();
+    assert!(hasty > 5e-3, "{hasty}");
+    let paths = pressed(&model, Contact::Sticking, &depths(10), vec![drag(DVec3::X), drag(DVec3::NEG_X)]);
+    let told = [paths.press.halved, paths.drags[0].halved].map(Option::unwrap);
+    println!("sticking: {told:?}");
+    assert!(told.iter().all(|h| *h > 0.0 && *h < 5e-3), "{told:?}");
+    assert_eq!(paths.drags[1].halved, None);
+    // Symmetric, but for what the check of the first would leave.
+    let x = |drag: usize| paths.drags[drag].states.last().unwrap().force_n.x;
+    assert!((x(0) + x(1)).abs() < 2e-3 * x(0).abs(), "{} {}", x(0), x(1));
+
+    let way = |outside: usize| {
+        let gap = std::iter::repeat_n(DVec3::Z * (0.1 * DEPTH_M), outside);
+        let press = depths(3).into_iter().map(|depth| DVec3::NEG_Z * depth);
+        let turns = [0.5, 1.0, 1.5, 1.0, 0.5, 0.0, -0.5, -1.0];
+        let drag = turns.map(|x| DVec3::NEG_Z * DEPTH_M + DVec3::X * (0.2 * x * DEPTH_M));
+        led(&model, 0.2, &gap.chain(press).chain(drag).collect::<Vec<_>>())
+    };
+    let (one, other) = (way(0), way(3));
+    println!("sliding: {:?} {:?}", one.halved, other.halved);
+    assert!([one.halved, other.halved].iter().all(|h| h.is_some_and(|h| h > 0.0 && h < 5e-3)));
+    let largest = one.states.iter().map(|s| s.force_n.length()).fold(0.0, f64::max);
+    for (a, b) in one.states.iter().zip(&other.states[3..]) {
+        assert!(a.force_n.distance(b.force_n) < 2e-3 * largest, "{} {}", a.force_n, b.force_n);
+    }
+}
+
 /// Drawn back and pressed in again the contact is another, and without contact there is no force; overlap at rest is backed off.
 #[test]
 fn contact_is_lost_and_found() {

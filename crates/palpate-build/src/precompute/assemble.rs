@@ -86,6 +86,9 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
     if told.len() > TOLD {
         notes.push(format!("{} further paths ended early", told.len() - TOLD));
     }
+    let every = record.points.values().map(Point::paths);
+    let halved = every.flat_map(|p| std::iter::once(p.press).chain(p.drags)).map(|path| path.halved);
+    notes.extend(steps_told(halved));
     let mut provenance = provenance(record, notes);
     let (fitted, report) = match simulation.law {
         Law::Coupled => {
@@ -208,11 +211,31 @@ pub fn coupled_options<'a>(
     }
 }
 
+/// Parts of a force that the load steps may change without a word.
+const STEPS_MATTER: f64 = 5e-3;
+
 /// Test points to begin with, where there may be so many.
 pub fn first_round(most: u32) -> usize {
     /// Fewer say nothing of what lies between them.
     const LEAST: u32 = 6;
     (most / 3).max(LEAST).min(most) as usize
+}
+
+/// What is to be said of load steps, where halving them changes more than [`STEPS_MATTER`] of a force: of each path how much it
+/// changes, where that was checked.
+pub fn steps_told(halved: impl Iterator<Item = Option<f64>>) -> Option<String> {
+    let checked: Vec<f64> = halved.flatten().collect();
+    let beyond = checked.iter().filter(|h| **h > STEPS_MATTER).count();
+    let most = checked.iter().copied().fold(0.0, f64::max);
+    (beyond > 0).then(|| {
+        format!(
+            "halving the load steps changes the force by more than {} % on {beyond} of {} paths that were checked, by {:.1} % at \
+             most",
+            100.0 * STEPS_MATTER,
+            checked.len(),
+            100.0 * most
+        )
+    })
 }
 
 /// What was simulated, by index.
@@ -301,5 +324,17 @@ impl Report {
             potential_errors: body.provenance().potential_errors.clone(),
             interpolation: body.provenance().interpolation.clone(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn load_steps_are_told_of_where_they_matter() {
+        assert_eq!(steps_told([None, Some(1e-3), Some(5e-3)].into_iter()), None);
+        let told = steps_told([None, Some(1e-3), Some(0.021)].into_iter()).unwrap();
+        assert!(told.contains("0.5 % on 1 of 2 paths") && told.contains("2.1 %"), "{told}");
     }
 }

@@ -40,6 +40,7 @@ struct Entry {
 struct Line {
     states: Vec<Row>,
     stopped: Option<(f64, String)>,
+    halved: Option<f64>,
 }
 
 /// As [`State`] has them.
@@ -182,6 +183,7 @@ impl Line {
         Line {
             states: path.states.iter().map(row).collect(),
             stopped: path.stopped.as_ref().map(|s| (s.at_m, s.why.clone())),
+            halved: path.halved,
         }
     }
 
@@ -201,6 +203,7 @@ impl Line {
         LoadPath {
             states: self.states.iter().map(state).collect(),
             stopped: self.stopped.as_ref().map(|(at_m, why)| Stop { at_m: *at_m, why: why.clone() }),
+            halved: self.halved,
         }
     }
 }

@@ -158,6 +158,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     for path in validation.paths.iter().filter_map(|p| p.stopped.as_ref()).take(5) {
         console::note(&format!("a path ended early: {path}"));
     }
+    if let Some(note) = validation.steps_told() {
+        console::note(&note);
+    }
     if validation.cut_short + validation.failed > 0 {
         console::note(&format!(
             "{} of {} paths ended early and count as far as they went; {} have no state and count nowhere",
