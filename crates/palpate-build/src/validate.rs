@@ -31,8 +31,8 @@ mod surface;
 pub use errors::{Errors, Percentiles, PhaseErrors, Sliding, Spread, median, percentile};
 pub use render::{held_force, sticking};
 pub use report::Measure;
-use surface::SurfaceTrial;
-pub use surface::{SimulatedSurface, SurfaceError, SurfaceErrors};
+
+pub use surface::{SimulatedSurface, SurfaceError, SurfaceErrors, SurfaceTrial};
 
 /// What is simulated and rendered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
