@@ -36,8 +36,8 @@ pub use errors::{Errors, Percentiles, PhaseErrors, Sliding, Spread, median, perc
 pub use kept::Kept;
 pub use render::{held_force, sticking};
 pub use report::Measure;
-use surface::SurfaceTrial;
-pub use surface::{SimulatedSurface, SurfaceError, SurfaceErrors};
+
+pub use surface::{SimulatedSurface, SurfaceError, SurfaceErrors, SurfaceTrial};
 
 /// What is simulated and rendered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]

@@ -3,8 +3,8 @@
 use crate::plot::{Line, LineChart};
 use palpate_body::stiffness::{StiffnessAt, principals, stiffness_max};
 use palpate_body::{
-    Body, CountErrors, CoupledLaw, Curve, NO_TWIN, PointErrors, Potential, PotentialErrors, Provenance,
-    Response, SlipRule, StateErrors,
+    Body, CountErrors, CoupledLaw, Curve, DisplacementFields, NO_TWIN, PointErrors, Potential,
+    PotentialErrors, Provenance, Response, SlipRule, StateErrors,
 };
 use palpate_build::validate::{median, percentile};
 use serde::Serialize;
@@ -22,6 +22,8 @@ pub struct Inspection {
     pub border_edges: usize,
     /// Test points; of a coupled law potentials, also those made from other places'.
     pub test_points: usize,
+    /// How the surface moves under the tool, where the body knows.
+    pub displacement_fields: Option<FieldSummary>,
     /// `decoupled`, curves of normal and lateral force, or `coupled`, one potential of both.
     pub law: &'static str,
     /// Of a coupled law, over test points and depths.
@@ -248,6 +250,24 @@ fn coupled_force_ranges(law: &CoupledLaw) -> Ranges {
     }
 }
 
+/// What there is of displacement fields.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct FieldSummary {
+    /// Places that the tool was pressed at.
+    pub pressed: usize,
+    /// Places that it was dragged at.
+    pub dragged: usize,
+    /// What they take, bytes.
+    pub bytes: usize,
+}
+
+impl FieldSummary {
+    fn of(fields: &DisplacementFields) -> Self {
+        let (pressed, dragged) = (fields.press().places(), fields.lateral().places());
+        FieldSummary { pressed, dragged, bytes: fields.bytes() }
+    }
+}
+
 /// Looks through a body.
 pub fn inspect(body: &Body) -> Inspection {
     let start = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
@@ -274,6 +294,7 @@ pub fn inspect(body: &Body) -> Inspection {
         triangles: body.elements().len(),
         border_edges: body.elements().iter().flat_map(|e| e.twins).filter(|t| *t == NO_TWIN).count(),
         test_points: body.test_point_nodes().len(),
+        displacement_fields: body.displacement_fields().ok().flatten().map(FieldSummary::of),
         law: if body.is_coupled() { "coupled" } else { "decoupled" },
         coupled: body.coupled_law().map(coupled_ranges),
         slip: body.slip(),

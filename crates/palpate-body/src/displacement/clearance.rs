@@ -7,7 +7,9 @@ use glam::DVec3;
 /// Within this share of the depth of the tool nodes lift off it little by little, so that the patch has no edge.
 const SOFT_SHARE: f64 = 0.02;
 /// Facets that still cut into the tool are lifted so often; each time what is left goes with the square.
-const ROUNDS: usize = 3;
+const ROUNDS: usize = 4;
+/// No node is lifted by more than what is missing over this: one that lies beside the ball would fly away.
+const LEAST_ALONG: f64 = 0.4;
 
 /// Room for what is found, reused.
 #[derive(Debug, Clone, Default)]
@@ -48,17 +50,20 @@ impl Clearance {
         for _ in 0..ROUNDS {
             for &e in &self.near {
                 let facet = corners(positions, e);
-                let nearest = point(facet, nearest_on_triangle(centre, facet));
-                let missing = radius - nearest.distance(centre);
+                let nearest = point(facet, nearest_on_triangle(centre, facet)) - centre;
+                let missing = radius - nearest.length();
                 if missing <= 0.0 {
                     continue;
                 }
+                let out = nearest.normalize_or_zero();
                 for n in elements[e as usize].nodes {
                     let vertex = body.vertices[n as usize] as usize;
                     if self.lift[vertex] == 0.0 {
                         self.lifted.push(vertex as u32);
                     }
-                    self.lift[vertex] = self.lift[vertex].max(missing);
+                    // Away from the centre, so far that the facet's nearest point comes out.
+                    let along = (positions[n as usize] - centre).normalize_or_zero().dot(out);
+                    self.lift[vertex] = self.lift[vertex].max(missing / along.max(LEAST_ALONG));
                 }
             }
             if self.lifted.is_empty() {

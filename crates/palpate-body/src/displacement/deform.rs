@@ -66,6 +66,7 @@ pub struct Deformer {
     /// Of a place, and of all of them, at the field surface's nodes, m.
     field: Vec<DVec3>,
     sum: Vec<DVec3>,
+    aside: Vec<DVec3>,
     blend: Vec<(u32, f64)>,
 }
 
@@ -100,6 +101,7 @@ impl Deformer {
             clearance: Clearance::default(),
             field: Vec::new(),
             sum: Vec::new(),
+            aside: Vec::new(),
             blend: Vec::new(),
         })
     }
@@ -122,12 +124,12 @@ impl Deformer {
             return;
         }
         let radius = body.tool().radius_m();
-        let Deformer { fields, clearance, field, sum, blend, .. } = self;
+        let Deformer { fields, clearance, field, sum, aside, blend, .. } = self;
         match fields {
             Some(prepared) => match prepared.fields.get() {
                 Ok(found) => {
-                    let mut blending = Blending { prepared, found, contact, field, sum };
-                    blending.displace(body, state.at, blend);
+                    let mut blending = Blending { prepared, found, contact, field, aside };
+                    blending.displace(body, state.at, blend, sum);
                     let moves = prepared.bindings.iter().map(|b| b.of(found.surface(), sum));
                     positions.iter_mut().zip(moves).for_each(|(p, u)| *p += u);
                 }
@@ -153,40 +155,74 @@ fn make_dimple(body: &Body, contact: &Kinematics, radius: f64, positions: &mut [
     }
 }
 
-/// The sum of fields under way.
+/// What fields are blended from, and room for it.
 struct Blending<'a> {
     prepared: &'a Prepared,
     found: &'a DisplacementFields,
     contact: Kinematics,
     field: &'a mut Vec<DVec3>,
-    sum: &'a mut Vec<DVec3>,
+    aside: &'a mut Vec<DVec3>,
 }
 
 impl Blending<'_> {
     /// The displacement of the field surface's nodes into `sum`, m.
-    fn displace(&mut self, body: &Body, at: SurfacePoint, blend: &mut Vec<(u32, f64)>) {
-        self.sum.clear();
-        self.sum.resize(self.found.surface().positions().len(), DVec3::ZERO);
+    fn displace(&mut self, body: &Body, at: SurfacePoint, blend: &mut Vec<(u32, f64)>, sum: &mut Vec<DVec3>) {
         let (press, lateral) = (self.found.press(), self.found.lateral());
-        blend_at(body, at, press, blend);
-        blend.iter().for_each(|&(place, weight)| self.add(press, place as usize, weight, None));
         let Kinematics { inward, depth, lateral: motion, .. } = self.contact;
-        if lateral.places() > 0 {
-            blend_at(body, at, lateral, blend);
-            blend.iter().for_each(|&(place, weight)| self.add(lateral, place as usize, weight, Some(motion)));
-        } else {
+        let count = self.found.surface().positions().len();
+        let clear = |field: &mut Vec<DVec3>| {
+            field.clear();
+            field.resize(count, DVec3::ZERO);
+        };
+        clear(sum);
+        blend_at(body, at, press, blend);
+        for &(place, weight) in blend.iter() {
+            self.add(press, place as usize, [depth, weight], None, sum);
+        }
+        if lateral.places() == 0 {
             // Nothing was dragged: laterally a node follows the tool about as much as it does inwards.
-            for u in self.sum.iter_mut() {
+            for u in sum.iter_mut() {
                 let share = (u.dot(inward) / depth).clamp(0.0, 1.0);
                 *u += motion * libm::pow(share, 1.3);
             }
+            return;
         }
+        let mut aside = std::mem::take(self.aside);
+        clear(&mut aside);
+        blend_at(body, at, lateral, blend);
+        let least =
+            blend.iter().map(|&(place, _)| lateral.least_m(place as usize)).fold(f64::INFINITY, f64::min);
+        for &(place, weight) in blend.iter() {
+            self.add(lateral, place as usize, [depth, weight], Some(motion), &mut aside);
+        }
+        if depth < least {
+            // Less deep than any drag the patch is smaller: what moves falls as it does from one press to the other.
+            let mut deeper = Vec::new();
+            clear(&mut deeper);
+            blend_at(body, at, press, blend);
+            for &(place, weight) in blend.iter() {
+                self.add(press, place as usize, [least, weight], None, &mut deeper);
+            }
+            for ((v, u), deeper) in aside.iter_mut().zip(sum.iter()).zip(&deeper) {
+                let [share, whole] = [u.length() / depth, deeper.length() / least];
+                *v *= if whole > share { share / whole } else { 1.0 };
+            }
+        }
+        sum.iter_mut().zip(&aside).for_each(|(u, v)| *u += *v);
+        *self.aside = aside;
     }
 
-    /// Adds a place's field, moved along: near the contact point the field is that around the place, turned from its frame into
-    /// the contact point's; far away it stays where it is, as supports do.
-    fn add(&mut self, set: &FieldSet, place: usize, weight: f64, lateral: Option<DVec3>) {
-        let Kinematics { point, inward, depth, .. } = self.contact;
+    /// Adds a place's field at a depth (m), times a weight, moved along: near the contact point the field is that around the place,
+    /// turned from its frame into the contact point's; far away it stays where it is, as supports do.
+    fn add(
+        &mut self,
+        set: &FieldSet,
+        place: usize,
+        [depth, weight]: [f64; 2],
+        lateral: Option<DVec3>,
+        sum: &mut [DVec3],
+    ) {
+        let Kinematics { point, inward, .. } = self.contact;
         let [place_inward, tangent] = set.axes[place];
         let centre = set.points[place];
         let turn = DQuat::from_rotation_arc(inward, place_inward);
@@ -199,7 +235,7 @@ impl Blending<'_> {
         let back = turn.inverse();
         let width = self.prepared.width;
         let (inner, outer) = (2.0 * width, 5.0 * width);
-        for (n, (&x, sum)) in surface.positions().iter().zip(self.sum.iter_mut()).enumerate() {
+        for (n, (&x, sum)) in surface.positions().iter().zip(sum).enumerate() {
             let from = x - point;
             let distance = from.length();
             if distance >= outer {

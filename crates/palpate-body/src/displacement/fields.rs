@@ -140,6 +140,11 @@ impl FieldSet {
         self.states(place).map_or(0.0, |range| self.depths[range.end - 1])
     }
 
+    /// The least depth of a place's fields, m; infinite for one that is not there.
+    pub(super) fn least_m(&self, place: usize) -> f64 {
+        self.states(place).map_or(f64::INFINITY, |range| self.depths[range.start])
+    }
+
     /// What it takes, bytes.
     pub fn bytes(&self) -> usize {
         let blends = self.blends.len() * 36;

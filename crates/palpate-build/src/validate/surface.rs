@@ -52,7 +52,7 @@ pub struct SurfaceErrors {
 
 impl SurfaceErrors {
     /// None without states.
-    pub(super) fn new(all: &[SurfaceError]) -> Option<Self> {
+    pub fn new(all: &[SurfaceError]) -> Option<Self> {
         let deep = || all.iter().filter(|e| e.depth_m >= DEEP * e.deepest_m);
         let of =
             |part: fn(&SurfaceError) -> f64| Percentiles::of(deep().map(|e| percent(part(e), e.depth_m)));

@@ -65,6 +65,9 @@ fn text(i: &Inspection) -> String {
         0.0 => t.shape.clone(),
         radius => format!("{} of radius {:.3} mm", t.shape, radius * 1e3),
     });
+    let fields = i.displacement_fields.map_or("none".into(), |f| {
+        format!("{} pressed, {} dragged, {:.1} MB", f.pressed, f.dragged, f.bytes as f64 / 1e6)
+    });
     let test_points = match i.potential_fit.as_ref().map(|fit| fit.places[0]) {
         Some(places) if places < i.test_points => {
             format!("{places}, and {} nodes with potentials made from theirs", i.test_points - places)
@@ -81,6 +84,7 @@ fn text(i: &Inspection) -> String {
         ("y", side(1)),
         ("z", side(2)),
         ("test points", test_points),
+        ("displacement fields", fields),
         ("law", i.law.to_owned()),
         ("depth knots", reach(&i.depth_knots_m)),
         ("lateral knots", reach(&i.lateral_knots_m)),
