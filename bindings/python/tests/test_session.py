@@ -112,7 +112,7 @@ def test_settings_that_are_none(lump):
         ({"safety": {"force_max": 1}}, "force_max"),
         ({"seconds": "long"}, "settings"),
         ({"seconds": math.nan}, "settings"),
-        ({"device": "wand"}, "wand"),
+        ({"device": "wand"}, "simulated"),
     ]:
         with pytest.raises(palpate.ArgumentError, match=words):
             palpate.Session(lump, **settings)
