@@ -9,8 +9,9 @@ use palpate::certify::{Question, certify_on};
 use palpate::device::presets;
 use palpate::{Body, files};
 use pyo3::prelude::*;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::Sender;
+use std::sync::{Mutex, PoisonError};
 
 /// What `Body.certify` was given of a device.
 pub struct Loop<'a> {
@@ -85,12 +86,14 @@ pub fn certify<'py>(
     question.evaluations = asked.evaluations;
     question.window = asked.window;
     question.device = asked.device.device()?;
-    let (threads, total, done) = (asked.threads, body.elements().len(), AtomicUsize::new(0));
+    let (threads, total, done) = (asked.threads, body.elements().len(), Mutex::new(0));
     let work = |sender: Sender<Progress>, cancelled: &AtomicBool| {
         let count = || {
-            let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+            // Under the lock, so that what is heard only grows.
+            let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
+            *done += 1;
             // Whoever does not listen any more has ended the work.
-            let _ = sender.send(Progress { done, total, message: None });
+            let _ = sender.send(Progress { done: *done, total, message: None });
         };
         certify_on(threads, body, &question, &count, cancelled)
     };

@@ -7,7 +7,7 @@ use palpate::{LiveSession, PreparedSession, SessionBody, SessionConfig};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
-use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard, TryLockError};
+use std::sync::{Mutex, MutexGuard, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard, TryLockError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -30,7 +30,8 @@ impl Raised for palpate::runtime::ControlError {
 
 /// Where a session is.
 enum Phase {
-    Prepared(Box<PreparedSession>),
+    /// Behind a lock, since it can be sent to another thread and not be shared.
+    Prepared(Mutex<Box<PreparedSession>>),
     Live(Box<LiveSession>),
     /// Closed, or it could not be started.
     Over(Box<Last>),
@@ -173,15 +174,19 @@ impl Session {
                     }),
                 }
             }
-            Phase::Prepared(prepared) => Last {
-                notes: prepared.notes().to_vec(),
-                advice: prepared.advice().map(str::to_owned),
-                ..Last::default()
-            },
+            Phase::Prepared(prepared) => {
+                let prepared = prepared.into_inner().unwrap_or_else(PoisonError::into_inner);
+                let advice = prepared.advice().map(str::to_owned);
+                Last { notes: prepared.notes().to_vec(), advice, ..Last::default() }
+            }
             Phase::Over(last) => *last,
         };
         *phase = Phase::Over(Box::new(last));
     }
+}
+
+fn locked(prepared: &Mutex<Box<PreparedSession>>) -> MutexGuard<'_, Box<PreparedSession>> {
+    prepared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Until its haptic thread has ended; then what the recorder has kept of the past.
@@ -211,7 +216,7 @@ impl Session {
             PreparedSession::new(body, config.clone(), None).map_err(Raised::raised)
         })?;
         let stopper = prepared.stopper();
-        Ok(Session { phase: RwLock::new(Phase::Prepared(Box::new(prepared))), stopper, config })
+        Ok(Session { phase: RwLock::new(Phase::Prepared(Mutex::new(Box::new(prepared)))), stopper, config })
     }
 
     /// Starts the threads, and the recording if there is to be one: from now on there are forces.
@@ -225,6 +230,7 @@ impl Session {
                 return Err(SessionError::new_err("the session was started before; make another"));
             }
             if let Phase::Prepared(prepared) = std::mem::replace(&mut *phase, Phase::Over(Box::default())) {
+                let prepared = prepared.into_inner().unwrap_or_else(PoisonError::into_inner);
                 *phase = Phase::Live(Box::new(prepared.start().map_err(Raised::raised)?));
             }
             Ok(())
@@ -316,7 +322,7 @@ impl Session {
     #[getter]
     fn notes(&self) -> PyResult<Vec<String>> {
         Ok(match &*self.read()? {
-            Phase::Prepared(prepared) => prepared.notes().to_vec(),
+            Phase::Prepared(prepared) => locked(prepared).notes().to_vec(),
             Phase::Live(live) => live.notes().to_vec(),
             Phase::Over(last) => last.notes.clone(),
         })
@@ -326,7 +332,7 @@ impl Session {
     #[getter]
     fn advice(&self) -> PyResult<Option<String>> {
         Ok(match &*self.read()? {
-            Phase::Prepared(prepared) => prepared.advice().map(str::to_owned),
+            Phase::Prepared(prepared) => locked(prepared).advice().map(str::to_owned),
             Phase::Live(live) => live.advice().map(str::to_owned),
             Phase::Over(last) => last.advice.clone(),
         })
