@@ -32,15 +32,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let choice = StateChoice { depth_m: 5e-3, drag_m: 1e-3 * f64::from(k), ..StateChoice::default() };
         still::state(&body, &choice, &Settings::default())
     });
-    let states: Vec<_> = states.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
+    let states: Vec<_> = states.collect::<Result<Vec<_>, _>>()?;
 
     for (samples, size, has_panels) in
         [(1, [1024, 768], false), (4, [1024, 768], false), (1, [1360, 860], true)]
     {
         let mut offscreen = Offscreen::with_samples(false, samples)?;
         let mut frame = |k: u32| -> Result<(), Box<dyn std::error::Error>> {
-            let (shown, track) = states[k as usize % states.len()].clone();
-            viewer.show(shown, track);
+            viewer.show(states[k as usize % states.len()].clone());
             viewer.tick(0.0);
             if has_panels {
                 offscreen.frame(&mut viewer, size, 1.0)?;

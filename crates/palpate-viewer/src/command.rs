@@ -191,8 +191,9 @@ pub fn prepared(request: &Request) -> Result<Viewer, ViewError> {
     }
     if let (Some(choice), Some(subject), None) = (&request.state, viewer.subject(), &request.recording) {
         let body = subject.body.clone();
-        if let Some((shown, track)) = still::state(&body, choice, viewer.settings())? {
-            viewer.show(shown, track);
+        let states = still::state(&body, choice, viewer.settings())?;
+        if !states.is_empty() {
+            viewer.show(states);
         }
     }
     viewer.update(request.time_s.map(Event::Scrub));

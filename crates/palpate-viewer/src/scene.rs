@@ -110,6 +110,8 @@ pub struct Sight<'a> {
     pub theme: Theme,
     /// m a newton.
     pub metres_per_newton: f64,
+    /// The plane of a section, as in [`Scene::section`]: it cuts test points too.
+    pub section: [f32; 4],
 }
 
 /// Indices of a surface.
@@ -165,8 +167,11 @@ pub fn contact_marks(
             coloured.marks.clone()
         };
         // A body whose every node is a test point would be hidden by its marks.
-        let radius = (0.018 * size).min(0.25 * size * (12.0 / all.len().max(1) as f32).sqrt());
-        all.into_iter().for_each(|p| solids.ball(local(p), radius, colours.contact));
+        let radius = size * if all.len() > 300 { 0.006 } else { 0.016 };
+        let [x, y, z, d] = sight.section;
+        let plane = Vec3::new(x, y, z);
+        let seen = all.into_iter().map(local).filter(|p| plane == Vec3::ZERO || plane.dot(*p) <= d);
+        seen.for_each(|p| solids.dot(p, radius, colours.contact));
     }
     if sight.marks.track {
         let places: Vec<Vec3> = sight.track.iter().map(|p| local(*p)).collect();
@@ -212,6 +217,9 @@ pub fn contact_marks(
     (solids, marks)
 }
 
+/// Where a handle leans to.
+const SLANT: DVec3 = DVec3::new(0.55, 0.45, 0.7);
+
 /// The tool in its true shape, with a shaft towards the hand.
 fn tool(
     solids: &mut Solids,
@@ -227,7 +235,13 @@ fn tool(
     let touched = state.contact.as_ref().map(|c| -place::inward(body, c));
     let nearest = || body.nearest(state.tool_m(), 4.0 * f64::from(size)).map(|n| -body.inward(n.at));
     let away = touched.or_else(nearest).unwrap_or(DVec3::Z);
-    let shaft = (state.tool_rotation() * away.normalize_or(DVec3::Z)).as_vec3();
+    let away = away.normalize_or(DVec3::Z);
+    // What is round is held at a slant, as a pen is: the force would be hidden in its handle.
+    let slanted = match &shape.shape {
+        ToolShape::Sphere { .. } | ToolShape::Point => away + 0.7 * (SLANT - away * SLANT.dot(away)),
+        _ => away,
+    };
+    let shaft = (state.tool_rotation() * slanted.normalize_or(DVec3::Z)).as_vec3();
     let (long, colour) = (0.9 * size, colours.tool);
     // From a round end to a handle that one can hold.
     let handle = |solids: &mut Solids, from: Vec3, radius: f32| {

@@ -93,7 +93,7 @@ fn solid(in: Surface) -> @location(0) vec4<f32> {
 // What something hides shines through.
 @fragment
 fn hidden(in: Surface) -> @location(0) vec4<f32> {
-    return vec4<f32>(lit(in.place, in.normal, in.colour.rgb, 0.0), 0.32);
+    return vec4<f32>(lit(in.place, in.normal, in.colour.rgb, 0.0), 0.5);
 }
 
 struct Whole {

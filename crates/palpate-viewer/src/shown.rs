@@ -77,6 +77,31 @@ impl Shown {
         }
     }
 
+    /// As a period's record, as far as panels read one: nothing of clocks, devices and stages.
+    pub fn record(&self) -> Record {
+        let contact = self.contact.as_ref();
+        Record {
+            kind: Record::PERIOD,
+            time_s: self.time_s,
+            tool_position_m: self.tool.position_m,
+            tool_orientation: self.tool.orientation,
+            force_n: self.force_n.to_array(),
+            torque_nm: self.torque_nm.to_array(),
+            command_force_n: self.command_n.unwrap_or(self.force_n).to_array(),
+            element: contact.map_or(Record::NONE, |c| c.element),
+            area_coordinates: contact.map_or([0.0; 3], |c| c.n),
+            contact_position_m: contact.map_or([0.0; 3], |c| c.position_m),
+            delta_z_m: contact.map_or(0.0, |c| c.delta_z_m),
+            delta_r_m: contact.map_or(0.0, |c| c.delta_r_m),
+            engine_flags: self.flags.bits(),
+            work_j: self.energy.work_j,
+            stored_j: self.energy.stored_j,
+            dissipated_j: self.energy.dissipated_j,
+            generated_j: self.energy.generated_j,
+            ..bytemuck::Zeroable::zeroed()
+        }
+    }
+
     /// Where the tool is, m: what a drawing can have.
     pub fn tool_m(&self) -> DVec3 {
         let p = DVec3::from_array(self.tool.position_m);

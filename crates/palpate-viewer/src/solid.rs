@@ -44,8 +44,17 @@ impl Solids {
 
     /// A ball.
     pub fn ball(&mut self, centre: Vec3, radius: f32, colour: Rgb) {
+        self.ball_of(SIDES, centre, radius, colour);
+    }
+
+    /// A ball that is seen as a dot.
+    pub fn dot(&mut self, centre: Vec3, radius: f32, colour: Rgb) {
+        self.ball_of(THIN + 1, centre, radius, colour);
+    }
+
+    fn ball_of(&mut self, sides: usize, centre: Vec3, radius: f32, colour: Rgb) {
         let colour = bytes(colour);
-        let (rings, sides) = (SIDES / 2, SIDES);
+        let rings = sides / 2;
         let at = |i: usize, j: usize| {
             let (sin_e, cos_e) = (std::f32::consts::PI * i as f32 / rings as f32).sin_cos();
             let (sin_a, cos_a) = (std::f32::consts::TAU * j as f32 / sides as f32).sin_cos();

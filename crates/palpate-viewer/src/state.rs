@@ -86,11 +86,26 @@ enum Activity {
     /// Nothing moves.
     Rest,
     /// One state, which a command asked for.
-    Still(Box<Shown>, Vec<DVec3>),
+    Still(Box<Still>),
     /// A session.
     Touch(Box<Touch>),
     /// A recording.
     Playback(Box<Playback>),
+}
+
+/// One state, and the way to it.
+#[derive(Debug, Clone, Default)]
+pub struct Still {
+    /// It, and what came before, in the order of time.
+    pub states: Vec<Shown>,
+    /// The same for panels.
+    records: Vec<Record>,
+}
+
+impl From<Vec<Shown>> for Still {
+    fn from(states: Vec<Shown>) -> Self {
+        Still { records: states.iter().map(Shown::record).collect(), states }
+    }
 }
 
 /// The hand that the mouse leads.
@@ -339,12 +354,16 @@ impl Viewer {
             self.begin_touch(watched);
             return;
         }
-        let at = self.target().unwrap_or_else(|| {
-            let up = palpate::runtime::motion::top(&*subject.body).unwrap_or(subject.surface.origin);
-            up + DVec3::Z * (HOVER_M + subject.body.tool().radius_m())
+        // A tool that begins inside of the body feels nothing until it has left it: it begins above where it is to press.
+        let at = self.target(false).unwrap_or_else(|| {
+            let top = palpate::runtime::motion::top(&*subject.body).unwrap_or(subject.surface.origin);
+            let place = palpate::body::BodySource::nearest(&*subject.body, top);
+            let [point, into] = place.unwrap_or([top, DVec3::NEG_Z]);
+            point - into * (HOVER_M + subject.body.tool().radius_m())
         });
         let led = Touch::led(&subject.session_body(), &self.settings, at);
         self.begin_touch(led);
+        self.lead();
     }
 
     fn begin_touch(&mut self, touch: Result<Touch, String>) {
@@ -365,11 +384,11 @@ impl Viewer {
         }
     }
 
-    /// Where the hand wants the tool's reference point, m.
-    fn target(&self) -> Option<DVec3> {
+    /// Where the hand wants the tool's reference point, m, while it presses or hovers.
+    fn target(&self, presses: bool) -> Option<DVec3> {
         let [point, into] = self.hand.aim?;
         let radius = self.subject.as_ref()?.body.tool().radius_m();
-        let depth = if self.hand.is_pressing { self.settings.press_depth_m } else { -HOVER_M };
+        let depth = if presses { self.settings.press_depth_m } else { -HOVER_M };
         Some(point + into * (depth - radius))
     }
 
@@ -382,7 +401,7 @@ impl Viewer {
             // Beside the body the hand stays where it was last over it.
             self.hand.aim = subject.aim(self.camera.ray(place, self.aspect)).or(self.hand.aim);
         }
-        if let Some(target) = self.target() {
+        if let Some(target) = self.target(self.hand.is_pressing) {
             touch.lead_to(target);
         }
     }
@@ -510,10 +529,10 @@ impl Viewer {
         }
     }
 
-    /// Shows this state, with this track, in place of a session.
-    pub fn show(&mut self, shown: Shown, track: Vec<DVec3>) {
+    /// Shows the last of these states, with what came before as its past, in place of a session.
+    pub fn show(&mut self, states: impl Into<Still>) {
         self.end_activity();
-        self.activity = Activity::Still(Box::new(shown), track);
+        self.activity = Activity::Still(Box::new(states.into()));
     }
 
     /// Shows a body at once.
@@ -536,7 +555,7 @@ impl Viewer {
     pub fn shown(&self) -> Option<Shown> {
         match &self.activity {
             Activity::Rest => None,
-            Activity::Still(shown, _) => Some(**shown),
+            Activity::Still(still) => still.states.last().copied(),
             Activity::Touch(touch) => touch.latest().as_ref().map(Shown::of_record),
             Activity::Playback(playback) => playback.record().map(Shown::of_record),
         }
@@ -547,7 +566,8 @@ impl Viewer {
         match &self.activity {
             Activity::Touch(_) => &self.records,
             Activity::Playback(playback) => playback.past(PAST_S),
-            Activity::Rest | Activity::Still(..) => &[],
+            Activity::Still(still) => &still.records,
+            Activity::Rest => &[],
         }
     }
 
@@ -556,7 +576,7 @@ impl Viewer {
         match &self.activity {
             Activity::Touch(_) => track(&self.records),
             Activity::Playback(playback) => playback.track(PAST_S),
-            Activity::Still(_, places) => places.clone(),
+            Activity::Still(still) => track(&still.records),
             Activity::Rest => Vec::new(),
         }
     }
@@ -576,6 +596,7 @@ impl Viewer {
             marks: self.settings.marks,
             theme: self.settings.theme,
             metres_per_newton: subject.metres_per_newton,
+            section: crate::scene::section_plane(&subject.surface, self.settings.section.as_ref()),
         };
         Some(subject.scene(&sight, &self.settings, self.camera))
     }

@@ -1,7 +1,6 @@
 //! A state by command: where the tool presses, how deep, and how far it is dragged.
 
 use crate::place;
-use crate::playback;
 use crate::settings::Settings;
 use crate::shown::Shown;
 use glam::DVec3;
@@ -71,17 +70,13 @@ const STEP_M: f64 = 1e-4;
 /// Steps in all, at most.
 const STEPS_MAX: f64 = 20_000.0;
 
-/// The state, and the contact points on the way to it, m. `None` at rest.
+/// The state, and the steps on the way to it. None at rest.
 ///
 /// # Errors
 /// The body has no surface there.
-pub fn state(
-    body: &Body,
-    choice: &StateChoice,
-    settings: &Settings,
-) -> Result<Option<(Shown, Vec<DVec3>)>, String> {
+pub fn state(body: &Body, choice: &StateChoice, settings: &Settings) -> Result<Vec<Shown>, String> {
     if choice.depth_m <= 0.0 {
-        return Ok(None);
+        return Ok(Vec::new());
     }
     let depth_m = if choice.depth_m.is_finite() { choice.depth_m } else { 0.5 * place::depth_range_m(body) };
     let near = match choice.at_m {
@@ -101,7 +96,7 @@ pub fn state(
     let mut contact =
         Contact::with_slip(body, rule, settings.ablation()).with_tank(body.has_tank() && settings.tank);
     contact.set_friction_scale(settings.friction_scale);
-    let (mut shown, mut places, mut time_s) = (None, Vec::new(), 0.0);
+    let (mut states, mut time_s) = (Vec::new(), 0.0);
     for pair in corners.windows(2) {
         let steps = (pair[0].distance(pair[1]) / STEP_M).ceil().min(STEPS_MAX);
         for k in 0..=steps as u32 {
@@ -109,11 +104,10 @@ pub fn state(
             let tool = ToolState::at(pair[0].lerp(pair[1], share).to_array());
             let output = contact.step(body, &tool, 1e-3);
             time_s += 1e-3;
-            places.extend(output.contact.map(|c| DVec3::from_array(c.position_m)));
-            shown = Some(Shown::of_step(time_s, tool, &output, settings.friction_scale));
+            states.push(Shown::of_step(time_s, tool, &output, settings.friction_scale));
         }
     }
-    Ok(shown.map(|s| (s, playback::thinned(places.into_iter()))))
+    Ok(states)
 }
 
 #[cfg(test)]
@@ -139,10 +133,10 @@ mod tests {
     fn a_state_is_as_deep_as_it_says() {
         let body = Example::Pad.make().unwrap();
         let choice = StateChoice { depth_m: 4e-3, drag_m: 2e-3, ..StateChoice::default() };
-        let (shown, places) = state(&body, &choice, &Settings::default()).unwrap().unwrap();
-        let contact = shown.contact.unwrap();
+        let states = state(&body, &choice, &Settings::default()).unwrap();
+        let contact = states.last().unwrap().contact.unwrap();
         assert!((contact.delta_z_m - 4e-3).abs() < 3e-4, "{contact:?}");
-        assert!(contact.delta_r_m > 5e-4 && !places.is_empty());
-        assert_eq!(state(&body, &StateChoice::default(), &Settings::default()), Ok(None));
+        assert!(contact.delta_r_m > 5e-4 && states.len() > 50);
+        assert_eq!(state(&body, &StateChoice::default(), &Settings::default()), Ok(Vec::new()));
     }
 }

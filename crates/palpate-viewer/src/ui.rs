@@ -134,14 +134,14 @@ fn bar(viewer: &Viewer, ui: &mut Ui, events: &mut Vec<Event>) {
             events.push(Event::Fit);
         }
         ui.separator();
-        egui::ComboBox::from_id_salt("colouring")
-            .selected_text(settings.colouring.title())
-            .width(150.0)
-            .show_ui(ui, |ui| {
-                for colouring in Colouring::ALL {
-                    ui.selectable_value(&mut changed.colouring, colouring, colouring.title());
-                }
-            });
+        let choice =
+            egui::ComboBox::from_id_salt("colouring").selected_text(settings.colouring.title()).width(150.0);
+        let chosen = choice.show_ui(ui, |ui| {
+            for colouring in Colouring::ALL {
+                ui.selectable_value(&mut changed.colouring, colouring, colouring.title());
+            }
+        });
+        chosen.response.on_hover_text("What colours show: C");
         if settings.colouring.has_depth() {
             let mut mm = changed.colour_depth_m * 1e3;
             let field =
@@ -223,7 +223,8 @@ fn card(viewer: &Viewer, ui: &mut Ui, example: Example, width: f32, events: &mut
                 if ui
                     .add_enabled(
                         is_free,
-                        egui::Button::new(RichText::new(example.title()).strong().size(14.0)),
+                        egui::Button::new(RichText::new(example.title()).strong().size(15.0))
+                            .min_size(egui::vec2(width - 24.0, 30.0)),
                     )
                     .clicked()
                 {

@@ -113,7 +113,8 @@ impl Driven {
         self.viewer.tick(self.time_s);
         let mut happened = Vec::new();
         let viewer = &self.viewer;
-        let _ = self.ctx.run_ui(input, |ui| happened = ui::show(viewer, ui));
+        let mut output = self.ctx.run_ui(input, |ui| happened = ui::show(viewer, ui));
+        output.textures_delta.clear();
         self.viewer.update(happened);
         if let Some(message) = self.viewer.message() {
             let says = [

@@ -59,8 +59,7 @@ fn pressed(example: Example, settings: Settings, state: &str) -> Viewer {
     let mut viewer = common::showing(example, settings);
     let body = viewer.subject().unwrap().body.clone();
     let choice: StateChoice = state.parse().unwrap();
-    let (shown, track) = still::state(&body, &choice, viewer.settings()).unwrap().unwrap();
-    viewer.show(shown, track);
+    viewer.show(still::state(&body, &choice, viewer.settings()).unwrap());
     viewer.tick(0.0);
     viewer
 }

@@ -53,18 +53,20 @@ pub fn mesh(question: &MeshQuestion, ctx: &egui::Context, events: &mut Vec<Event
             });
             ui.end_row();
             ui.label("it is made of");
-            egui::ComboBox::from_id_salt("tissue").selected_text(now.tissue.title()).width(250.0).show_ui(ui, |ui| {
+            let choice = egui::ComboBox::from_id_salt("tissue").selected_text(now.tissue.title()).width(250.0).show_ui(ui, |ui| {
                 for tissue in Tissue::ALL {
                     ui.selectable_value(&mut now.tissue, tissue, tissue.title());
                 }
             });
+            choice.response.on_hover_text("What it is made of");
             ui.end_row();
             ui.label("what holds it");
-            egui::ComboBox::from_id_salt("held").selected_text(now.held.title()).width(250.0).show_ui(ui, |ui| {
+            let choice = egui::ComboBox::from_id_salt("held").selected_text(now.held.title()).width(250.0).show_ui(ui, |ui| {
                 for held in Held::ALL {
                     ui.selectable_value(&mut now.held, held, held.title());
                 }
             });
+            choice.response.on_hover_text("What holds it");
             ui.end_row();
             ui.label("a ball presses it, of radius");
             ui.add(egui::DragValue::new(&mut now.tool_radius_mm).range(0.5..=30.0).speed(0.1).suffix(" mm"));

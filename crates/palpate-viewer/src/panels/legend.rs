@@ -16,9 +16,9 @@ pub fn show(viewer: &Viewer, ui: &Ui, view: Rect) {
         bar(&painter, legend, pos2(view.left() + 16.0, view.bottom() - 16.0), ink);
     }
     if viewer.settings().marks.force && viewer.shown().is_some_and(|s| s.contact.is_some()) {
-        let words = format!("force: {} a newton", length(subject.metres_per_newton));
-        let at = view.right_bottom() - vec2(16.0, 16.0);
-        painter.text(at, Align2::RIGHT_BOTTOM, words, FontId::proportional(11.0), ink);
+        let words = format!("force: 1 N is drawn as {}", length(subject.metres_per_newton));
+        let at = view.right_top() + vec2(-14.0, 12.0);
+        painter.text(at, Align2::RIGHT_TOP, words, FontId::proportional(11.0), ink);
     }
 }
 

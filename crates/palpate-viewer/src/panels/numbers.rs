@@ -7,9 +7,9 @@ use palpate::engine::Flags;
 
 /// The numbers of a state: (what, value with unit). The same digits wherever the state comes from.
 pub fn told(shown: &Shown) -> Vec<(&'static str, String)> {
-    let mm = |m: f64| format!("{:.3} mm", m * 1e3);
-    let places = |p: [f64; 3]| p.map(|x| format!("{:.2}", x * 1e3)).join(", ") + " mm";
-    let [x, y, z] = shown.force_n.to_array();
+    let mm = |m: f64| fixed(m * 1e3, 3) + " mm";
+    let places = |p: [f64; 3]| p.map(|x| fixed(x * 1e3, 2)).join(", ") + " mm";
+    let force = shown.force_n.to_array().map(|f| fixed(f, 3)).join(", ");
     let touched = |told: &dyn Fn(&palpate::engine::ContactPoint) -> String| {
         shown.contact.as_ref().map_or_else(|| "–".into(), told)
     };
@@ -17,7 +17,7 @@ pub fn told(shown: &Shown) -> Vec<(&'static str, String)> {
         ("time", format!("{:.3} s", shown.time_s)),
         ("contact", words(shown).into()),
         ("force", format!("{:.4} N", shown.force_n.length())),
-        ("force x, y, z", format!("{x:.3}, {y:.3}, {z:.3} N")),
+        ("force x, y, z", format!("{force} N")),
         ("torque", format!("{:.5} N·m", shown.torque_nm.length())),
         ("depth δz", touched(&|c| mm(c.delta_z_m))),
         ("lateral δr", touched(&|c| mm(c.delta_r_m))),
@@ -32,7 +32,16 @@ pub fn told(shown: &Shown) -> Vec<(&'static str, String)> {
 
 /// An energy.
 pub fn mj(j: f64) -> String {
-    format!("{:.4} mJ", j * 1e3)
+    fixed(j * 1e3, 4) + " mJ"
+}
+
+/// With so many digits after the point; a zero has no sign.
+fn fixed(x: f64, digits: usize) -> String {
+    let told = format!("{x:.digits$}");
+    match told.strip_prefix('-') {
+        Some(zero) if zero.bytes().all(|b| matches!(b, b'0' | b'.')) => zero.into(),
+        _ => told,
+    }
 }
 
 fn words(shown: &Shown) -> &'static str {
@@ -52,4 +61,15 @@ pub fn show(viewer: &Viewer, ui: &mut Ui) {
         Some(shown) => super::rows(ui, "numbers", &told(&shown)),
         None => drop(ui.label("Nothing touches the body.")),
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::fixed;
+
+    #[test]
+    fn a_zero_has_no_sign() {
+        let told = [-0.0004, -0.0006, 0.0, -12.5].map(|x| fixed(x, 3));
+        assert_eq!(told, ["0.000", "-0.001", "0.000", "-12.500"]);
+    }
 }

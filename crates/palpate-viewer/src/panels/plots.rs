@@ -4,7 +4,7 @@ use crate::palette::Rgb;
 use crate::place::{self, Place};
 use crate::state::{PAST_S, Viewer};
 use crate::ui::colour;
-use eframe::egui::{self, Color32, RichText, Ui};
+use eframe::egui::{self, RichText, Ui};
 use egui_plot::{Bar, BarChart, Corner, Legend, Line, Plot, PlotPoints, Points};
 use palpate::runtime::{Percentiles, Record};
 
@@ -49,6 +49,7 @@ fn plot<'a>(id: &'a str, x: &str, y: &str) -> Plot<'a> {
         .x_axis_label(RichText::new(x).small())
         .y_axis_label(RichText::new(y).small())
         .y_axis_min_width(34.0)
+        .grid_spacing(egui::Rangef::new(5.0, 42.0))
 }
 
 fn legend() -> Legend {
@@ -102,7 +103,7 @@ fn law(viewer: &Viewer, ui: &mut Ui, curves: [Rgb; 4]) {
     let scale = shown.as_ref().map_or(viewer.settings().friction_scale, |s| s.friction_scale);
     let along = |to: f64| (0..=ALONG).map(move |i| to * i as f64 / ALONG as f64);
     let ink = ui.visuals().text_color();
-    let dot = |x: f64, y: f64| Points::new("now", vec![[x * 1e3, y]]).radius(4.0).color(ink);
+    let dot = |x: f64, y: f64| Points::new("", vec![[x * 1e3, y]]).radius(4.0).color(ink);
     let now = here.press(body, at[0]);
     let deepest = depth_m.max(at[0]);
     let normal_name = if body.is_coupled() { "F′" } else { "f_z" };
@@ -177,6 +178,10 @@ fn bin(us: f64) -> usize {
 }
 
 fn lateness(viewer: &Viewer, ui: &mut Ui, curves: [Rgb; 4]) {
+    if viewer.touch().is_none() && viewer.playback().is_none() {
+        ui.label(RichText::new("No loop runs.").small());
+        return;
+    }
     let records = viewer.past();
     let bars = |name: &str, of: &dyn Fn(&Record) -> f64, shift: f64, rgb: Rgb| {
         let mut counts = [0u32; EDGES.len()];
@@ -219,8 +224,6 @@ fn lateness(viewer: &Viewer, ui: &mut Ui, curves: [Rgb; 4]) {
         });
         let words = format!("{} periods, {} later than a whole period", summary.periods, summary.overruns);
         ui.label(RichText::new(words).small());
-    } else if records.is_empty() {
-        ui.label(RichText::new("No loop runs.").small().color(Color32::GRAY));
     }
 }
 

@@ -22,7 +22,7 @@ pub fn show(viewer: &Viewer, ui: &mut Ui, events: &mut Vec<Event>) {
         ui.spacing_mut().slider_width = (ui.available_width() - 110.0).max(60.0);
         let mut time_s = playback.time_s();
         let slider = egui::Slider::new(&mut time_s, first..=last.max(first + 1e-9)).show_value(false);
-        if ui.add(slider).changed() {
+        if ui.add(slider).on_hover_text("Time of the recording").changed() {
             events.push(Event::Scrub(time_s));
         }
         if ui.button("Close").clicked() {

@@ -37,7 +37,7 @@ fn touch(viewer: &Viewer, ui: &mut Ui, now: &mut Settings) {
             ui.label("slip rule");
             let own = subject.body.slip();
             let rule = now.slip.unwrap_or(own);
-            egui::ComboBox::from_id_salt("slip").selected_text(rule.name()).show_ui(ui, |ui| {
+            let choice = egui::ComboBox::from_id_salt("slip").selected_text(rule.name()).show_ui(ui, |ui| {
                 for rule in SlipRule::ALL {
                     let is_chosen = now.slip.unwrap_or(own) == rule;
                     if ui.selectable_label(is_chosen, rule.name()).clicked() {
@@ -45,13 +45,16 @@ fn touch(viewer: &Viewer, ui: &mut Ui, now: &mut Settings) {
                     }
                 }
             });
+            choice.response.on_hover_text("How the contact point slips: U");
             ui.end_row();
             ui.label("law");
             ui.label(if subject.body.is_coupled() { "coupled potential" } else { "curves" })
                 .on_hover_text("Of the body's file: a body has one law");
             ui.end_row();
             ui.label("friction ×");
-            ui.add(egui::Slider::new(&mut now.friction_scale, 0.0..=3.0).max_decimals(2));
+            let field =
+                egui::DragValue::new(&mut now.friction_scale).range(0.0..=100.0).speed(0.01).max_decimals(2);
+            ui.add(field).on_hover_text("Multiplies the body's friction coefficients");
             ui.end_row();
             ui.label("tool");
             let radius = subject.body.tool().radius_m();
@@ -93,11 +96,12 @@ fn touch(viewer: &Viewer, ui: &mut Ui, now: &mut Settings) {
 }
 
 fn choose(ui: &mut Ui, id: &str, chosen: &mut &'static str, names: &[&'static str]) {
-    egui::ComboBox::from_id_salt(id).selected_text(*chosen).show_ui(ui, |ui| {
+    let choice = egui::ComboBox::from_id_salt(id).selected_text(*chosen).show_ui(ui, |ui| {
         for name in names {
             ui.selectable_value(chosen, *name, *name);
         }
     });
+    choice.response.on_hover_text(format!("Which {id} is simulated"));
 }
 
 fn marks(ui: &mut Ui, now: &mut Settings) {
@@ -126,6 +130,7 @@ fn marks(ui: &mut Ui, now: &mut Settings) {
         }
     });
     if let Some(section) = &mut now.section {
-        ui.add(egui::Slider::new(&mut section.share, 0.0..=1.0).show_value(false));
+        ui.add(egui::Slider::new(&mut section.share, 0.0..=1.0).show_value(false))
+            .on_hover_text("Where the cut is");
     }
 }
