@@ -285,7 +285,8 @@ fn state(device: &str, r: &Record) -> Result<()> {
     console::text(&format!("{}\n", serde_json::to_string(&state)?))
 }
 
-fn tell(outcome: Outcome) -> Told {
+/// What is said at the end, and whether it was well.
+pub fn tell(outcome: Outcome) -> Told {
     let Outcome { device, report, finished, rate_hz, is_recorded } = outcome;
     let faults = report.page_faults;
     Told {

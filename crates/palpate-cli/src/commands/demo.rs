@@ -30,8 +30,9 @@ pub struct Args {
 /// # Errors
 /// [`Failure::Input`] where the folder can't be written, [`Failure::Check`] where a bar was not reached.
 pub fn run(args: &Args) -> Result<(), Failure> {
+    #[cfg(not(feature = "viewer"))]
     if !args.headless {
-        console::note("this version has no viewer; running the scripted experiment");
+        console::note(super::view::HOW);
     }
     let report = demo::run(&args.out)?;
     if args.json {
@@ -42,6 +43,16 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             "{table}\n{folder}: report.md explains it, with pictures and sound ({:.1} s)\n",
             report.seconds
         ))?;
+    }
+    // On a display, the body that was touched, for the mouse.
+    #[cfg(feature = "viewer")]
+    if !args.headless && palpate_viewer::window::has_display() {
+        let request = palpate_viewer::command::Request {
+            body: Some(args.out.join("cylinder.body")),
+            ..Default::default()
+        };
+        palpate_viewer::command::open(&request, Box::new(crate::live::signals()?))
+            .map_err(|e| anyhow::anyhow!("{e}"))?;
     }
     if report.passed { Ok(()) } else { Err(Failure::Check(report.shortfalls.join("; "))) }
 }

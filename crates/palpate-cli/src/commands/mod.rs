@@ -15,6 +15,7 @@ mod run_options;
 pub mod shell;
 pub mod trace;
 pub mod validate;
+pub mod view;
 
 use palpate_build::precompute::prepare::Interrupted;
 

@@ -92,6 +92,9 @@ pub struct Args {
     /// With --json, a line with poses and forces this many times a second
     #[arg(long, value_name = "N", requires = "json")]
     stream_hz: Option<f64>,
+    /// See it in a window while it runs
+    #[arg(long, conflicts_with_all = ["virtual_time", "json"])]
+    view: bool,
     #[command(flatten)]
     pub(super) live: LiveArgs,
 }
@@ -145,6 +148,9 @@ fn against_the_clock(args: &Args, configs: &[SessionConfig]) -> Result<(), Failu
     if let Some(hz) = args.stream_hz.filter(|hz| !(0.01..=1000.0).contains(hz)) {
         return Err(anyhow!("--stream-hz {hz}: give a rate from 0.01 to 1,000 Hz").into());
     }
+    if args.view {
+        return view(args, configs);
+    }
     let slip = configs.first().and_then(|c| c.slip);
     let body = SessionBody::open(&args.body, slip, args.live.body_in.map(Into::into), !records.is_empty())?;
     // One for all: the end of one session's own would unlock the others.
@@ -177,6 +183,30 @@ fn against_the_clock(args: &Args, configs: &[SessionConfig]) -> Result<(), Failu
         Some(told) => Err(Failure::Loop(format!("{}: {}", told.device, told.end))),
         None => Ok(()),
     }
+}
+
+/// In a window; the table at the end is that of any other run.
+#[cfg(feature = "viewer")]
+fn view(args: &Args, configs: &[SessionConfig]) -> Result<(), Failure> {
+    let [config] = configs else {
+        return Err(anyhow!("--view: a window shows one device; give one --device").into());
+    };
+    let request = palpate_viewer::command::Request {
+        body: Some(args.body.clone()),
+        session: Some(config.clone()),
+        ..Default::default()
+    };
+    let outcome =
+        palpate_viewer::command::open(&request, Box::new(live::signals()?)).map_err(|e| anyhow!("{e}"))?;
+    let Some(outcome) = outcome else { return Ok(()) };
+    let told = live::tell(outcome);
+    console::text(&told.table())?;
+    if told.well { Ok(()) } else { Err(Failure::Loop(format!("{}: {}", told.device, told.end))) }
+}
+
+#[cfg(not(feature = "viewer"))]
+fn view(_args: &Args, _configs: &[SessionConfig]) -> Result<(), Failure> {
+    Err(anyhow!("--view: {}", super::view::HOW).into())
 }
 
 fn virtual_time(args: &Args, config: &SessionConfig) -> Result<(), Failure> {

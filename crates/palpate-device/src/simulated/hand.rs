@@ -39,7 +39,10 @@ pub struct Target {
     pub torque_nm: DVec3,
 }
 
-/// What the operator does, as a function of time: the same time gives the same target.
+/// What the operator does, as a function of time: the same time gives the same target. One that is led from outside ([`Lead`]) keeps
+/// this for the last time that it was asked for, and is asked in the order of time.
+///
+/// [`Lead`]: super::Lead
 pub trait HandMotion: Send + fmt::Debug {
     /// The target at `time_s` since the beginning.
     fn target(&self, time_s: f64) -> Target;

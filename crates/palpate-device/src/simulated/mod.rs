@@ -3,10 +3,12 @@
 mod axis;
 pub mod figures;
 mod hand;
+mod lead;
 mod script;
 mod wrist;
 
 pub use hand::{Hand, HandMotion, Target};
+pub use lead::Lead;
 pub use script::{Move, Script, ScriptError};
 
 use crate::{Capabilities, Command, Device, Fault, OpenError, Pose, Sample, Status};

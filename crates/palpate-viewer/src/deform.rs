@@ -1,0 +1,259 @@
+//! The deformed surface.
+//!
+//! What a body does around a tool is drawn as an elastic half-space does it under a ball (Hertz; Johnson, Contact Mechanics,
+//! eq. 3.41 and 3.42), with the depth and the lateral deflection of the contact, faded out towards the body's far side. It is a
+//! picture: no force depends on it. The surface follows the tool within the contact patch, and no vertex stays inside the tool.
+
+use crate::place;
+use crate::shown::Shown;
+use crate::surface::DrawnSurface;
+use glam::Vec3;
+use palpate::Body;
+use palpate::body::Tool;
+
+/// A tip without extent is drawn as a ball of this radius, in parts of the depth: a point would tear the surface.
+const POINT: f32 = 0.25;
+/// The patch is no smaller than this, in parts of the depth.
+const PATCH_MIN: f32 = 0.3;
+/// How far the dimple reaches, in radii of the patch,
+const REACH: f32 = 14.0;
+/// but no farther than this part of the body's size.
+const REACH_MAX: f32 = 0.9;
+
+/// The surface in a state, ready to be drawn. The same buffers serve from state to state.
+#[derive(Debug, Clone, Default)]
+pub struct Deformed {
+    /// m from the surface's origin.
+    pub positions: Vec<Vec3>,
+    /// Unit vectors.
+    pub normals: Vec<Vec3>,
+    /// Whether anything differs from rest.
+    pub is_deformed: bool,
+    /// Vertices that are displaced,
+    moved: Vec<bool>,
+    /// and those whose normals turn.
+    turns: Vec<bool>,
+    /// Sums of changes and of areas, by [`DrawnSurface::shared`].
+    turned: Vec<(Vec3, f32)>,
+}
+
+/// Puts the vertices where they are in a state; at rest where nothing is touched. Positions and normals have the order of
+/// [`DrawnSurface::positions`].
+pub fn deform(body: &Body, surface: &DrawnSurface, state: Option<&Shown>, into: &mut Deformed) {
+    let was_deformed = into.is_deformed || into.positions.len() != surface.positions.len();
+    if was_deformed {
+        into.positions.clone_from(&surface.positions);
+        into.normals.clone_from(&surface.normals);
+    }
+    into.is_deformed = false;
+    let Some(dimple) = state.and_then(|state| Dimple::of(body, surface, state)) else { return };
+    into.is_deformed = true;
+    into.moved.clear();
+    into.moved.resize(surface.positions.len(), false);
+    for (v, (p, n)) in surface.positions.iter().zip(&surface.normals).enumerate() {
+        if let Some(moved) = dimple.at(*p, *n) {
+            into.positions[v] = moved;
+            into.moved[v] = true;
+        }
+    }
+    turn_normals(surface, into);
+}
+
+/// Smooth normals turn as the triangles around them do: by the change of their triangles' normals.
+fn turn_normals(surface: &DrawnSurface, into: &mut Deformed) {
+    let Deformed { positions, normals, moved, turns, turned, .. } = into;
+    let normal = |p: &[Vec3], [a, b, c]: [usize; 3]| (p[b] - p[a]).cross(p[c] - p[a]);
+    let triangles = || surface.triangles.iter().map(|t| t.map(|v| v as usize));
+    turned.clear();
+    turned.resize(surface.shared_count, (Vec3::ZERO, 0.0));
+    turns.clone_from(moved);
+    for corners in triangles().filter(|corners| corners.iter().any(|&v| moved[v])) {
+        let rest = normal(&surface.positions, corners);
+        // Weighted by the area at rest.
+        let change = normal(positions, corners).normalize_or_zero() * rest.length() - rest;
+        for v in corners {
+            turned[surface.shared[v] as usize].0 += change;
+            turns[v] = true;
+        }
+    }
+    // And divided by the area of all triangles around.
+    for corners in triangles().filter(|corners| corners.iter().any(|&v| turns[v])) {
+        let area = normal(&surface.positions, corners).length();
+        corners.iter().for_each(|&v| turned[surface.shared[v] as usize].1 += area);
+    }
+    for (v, n) in normals.iter_mut().enumerate().filter(|(v, _)| turns[*v]) {
+        let (change, area) = turned[surface.shared[v] as usize];
+        let now = surface.normals[v] + change / area.max(f32::MIN_POSITIVE);
+        *n = now.try_normalize().unwrap_or(surface.normals[v]);
+    }
+}
+
+/// A dimple around a contact point, m from the surface's origin.
+struct Dimple {
+    /// Contact point at rest.
+    centre: Vec3,
+    /// Unit vector into the body.
+    inward: Vec3,
+    /// What the contact point is displaced by: to the tool's tip.
+    way: Vec3,
+    /// Radius of the contact patch.
+    patch: f32,
+    /// Where the dimple ends.
+    reach: f32,
+    /// The tool as a ball: its centre and radius; a tip without extent has none.
+    ball: Option<(Vec3, f32)>,
+}
+
+impl Dimple {
+    fn of(body: &Body, surface: &DrawnSurface, state: &Shown) -> Option<Self> {
+        let contact = state.contact.as_ref()?;
+        let depth = contact.delta_z_m as f32;
+        if !(depth > 0.0 && depth.is_finite()) {
+            return None;
+        }
+        let local = |p: glam::DVec3| (p - surface.origin).as_vec3();
+        let centre = local(contact.position_m.into());
+        let tip = local(place::tip_m(body, contact, state.tool_m()));
+        let inward = place::inward(body, contact).as_vec3();
+        let way = tip - centre;
+        if !way.is_finite() || inward == Vec3::ZERO {
+            return None;
+        }
+        let radius = match body.tool() {
+            Tool::Sphere { radius_m } => *radius_m as f32,
+            _ => POINT * depth,
+        };
+        let patch = (radius * depth).sqrt().max(PATCH_MIN * depth);
+        let reach = (REACH * patch).min(REACH_MAX * surface.radius as f32).max(1.5 * patch);
+        let ball = matches!(body.tool(), Tool::Sphere { .. }).then(|| (local(state.tool_m()), radius));
+        Some(Dimple { centre, inward, way, patch, reach, ball })
+    }
+
+    /// Where a vertex goes that lies at `p` with normal `n` at rest; `None` if it stays.
+    fn at(&self, p: Vec3, n: Vec3) -> Option<Vec3> {
+        let from = p - self.centre;
+        let distance = from.length();
+        if distance >= self.reach {
+            return self.out_of_the_ball(p);
+        }
+        // The far side of a thin body is not the surface that is pressed.
+        let faces = smooth((-n.dot(self.inward) + 0.3) / 0.6);
+        let left = 1.0 - (distance / self.reach).powi(2);
+        let share = hertz(distance / self.patch) * left * left * faces;
+        let moved = p + self.way * share;
+        Some(self.out_of_the_ball(moved).unwrap_or(moved))
+    }
+
+    /// A vertex inside of the tool comes out of it on the side that the tool is pressed towards.
+    fn out_of_the_ball(&self, p: Vec3) -> Option<Vec3> {
+        let (centre, radius) = self.ball?;
+        let from = p - centre;
+        if from.length_squared() >= radius * radius {
+            return None;
+        }
+        let along = from.dot(self.inward);
+        let aside = from - self.inward * along;
+        let out = (radius * radius - aside.length_squared()).max(0.0).sqrt();
+        Some(centre + aside + self.inward * out)
+    }
+}
+
+/// The displacement of a half-space under a ball at r/a from the middle of a patch of radius a, in parts of the depth.
+fn hertz(x: f32) -> f32 {
+    if x <= 1.0 {
+        return 1.0 - 0.5 * x * x;
+    }
+    let square = x * x;
+    std::f32::consts::FRAC_1_PI * ((2.0 - square) * (1.0 / x).asin() + (square - 1.0).sqrt())
+}
+
+/// From 0 to 1 with both slopes 0.
+fn smooth(x: f32) -> f32 {
+    let x = x.clamp(0.0, 1.0);
+    x * x * (3.0 - 2.0 * x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+    use palpate::body::shape::{Resolution, Shape};
+    use palpate::body::{BodyParts, Response};
+    use palpate::{Contact, ToolState};
+
+    fn ball(tool: Tool) -> Body {
+        let shape = Shape::Sphere { radius_mm: 30.0 };
+        let surface = shape.surface(Resolution { edge_length_mm: Some(6.0), ..Default::default() }).unwrap();
+        let body = Body::uniform(surface, Response::paper(600.0, 500.0, 0.3, 8e-3, 8e-3).unwrap()).unwrap();
+        Body::new(BodyParts { tool, ..body.parts() }).unwrap()
+    }
+
+    fn pressed(body: &Body, depth: f64, along: f64) -> Shown {
+        let mut contact = Contact::new(body);
+        let radius = body.tool().radius_m();
+        let mut shown = None;
+        for k in 0..=100 {
+            let s = f64::from(k) / 100.0;
+            let tool = ToolState::at([along * s, 0.0, 0.032 + radius - (0.002 + depth) * s]);
+            shown = Some(Shown::of_step(s, tool, &contact.step(body, &tool, 1e-3), 1.0));
+        }
+        shown.unwrap()
+    }
+
+    #[test]
+    fn the_half_space_s_displacement_is_smooth_at_the_patch_and_falls() {
+        assert!((hertz(1.0) - 0.5).abs() < 1e-6 && (hertz(1.0 + 1e-4) - 0.5).abs() < 1e-3);
+        let values: Vec<f32> = (0..200).map(|i| hertz(i as f32 * 0.1)).collect();
+        assert!(values.windows(2).all(|w| w[1] < w[0]), "{values:?}");
+        // Far away like a point force: 4/(3π) a/r.
+        assert!((hertz(15.0) * 15.0 - 4.0 / (3.0 * std::f32::consts::PI)).abs() < 0.02);
+    }
+
+    /// The tool's tip lies on the surface, no vertex inside of the tool by 2 % of the depth, and no triangle is turned over.
+    #[test]
+    fn the_surface_meets_the_tool_and_does_not_tear() {
+        for tool in [Tool::Sphere { radius_m: 5e-3 }, Tool::Point] {
+            let body = ball(tool);
+            let surface = DrawnSurface::new(&body, false);
+            for (depth, along) in [(1e-3, 0.0), (6e-3, 0.0), (6e-3, 3e-3)] {
+                let shown = pressed(&body, depth, along);
+                let contact = shown.contact.unwrap();
+                let mut deformed = Deformed::default();
+                deform(&body, &surface, Some(&shown), &mut deformed);
+                assert!(deformed.is_deformed);
+                let tip = (place::tip_m(&body, &contact, shown.tool_m()) - surface.origin).as_vec3();
+                let nearest =
+                    deformed.positions.iter().map(|p| p.distance(tip)).fold(f32::INFINITY, f32::min);
+                assert!(nearest < 1.2e-3, "{tool:?} {depth}: {nearest}");
+                if let Tool::Sphere { radius_m } = tool {
+                    let centre = (shown.tool_m() - surface.origin).as_vec3();
+                    let least =
+                        deformed.positions.iter().map(|p| p.distance(centre)).fold(f32::INFINITY, f32::min);
+                    let inside = radius_m as f32 - least;
+                    assert!(inside <= 0.02 * contact.delta_z_m as f32, "{depth}: {inside}");
+                }
+                assert!(deformed.normals.iter().all(|n| (n.length() - 1.0).abs() < 1e-4));
+                let far = surface.positions.iter().zip(&deformed.positions).filter(|(p, _)| p.z < -0.02);
+                assert!(far.clone().count() > 100 && far.into_iter().all(|(p, q)| p == q));
+            }
+        }
+    }
+
+    #[test]
+    fn without_a_contact_it_is_at_rest_again() {
+        let body = ball(Tool::Sphere { radius_m: 5e-3 });
+        let surface = DrawnSurface::new(&body, false);
+        let mut deformed = Deformed::default();
+        deform(&body, &surface, Some(&pressed(&body, 4e-3, 0.0)), &mut deformed);
+        assert_ne!(deformed.positions, surface.positions);
+        deform(&body, &surface, None, &mut deformed);
+        assert!(!deformed.is_deformed);
+        assert_eq!(deformed.positions, surface.positions);
+        assert_eq!(deformed.normals, surface.normals);
+        let nan = ToolState::at([f64::NAN; 3]);
+        let shown = Shown { tool: nan, ..pressed(&body, 4e-3, 0.0) };
+        deform(&body, &surface, Some(&shown), &mut deformed);
+        assert!(deformed.positions.iter().all(|p| p.is_finite()));
+        assert_eq!(shown.tool_m(), DVec3::ZERO);
+    }
+}
