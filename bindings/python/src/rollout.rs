@@ -10,7 +10,7 @@ use palpate::engine;
 use palpate::engine::Output;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyDict, PyList};
+use pyo3::types::{PyDict, PyList, PySlice};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
@@ -181,7 +181,7 @@ pub fn threads(given: Option<usize>) -> PyResult<usize> {
 ///     threads: How many; one for each core if not given.
 ///
 /// Returns:
-///     A trace for each path, as `Contact.rollout` makes it.
+///     A trace for each path, as `Contact.rollout` makes it. All are parts of one array: keep a copy of one to let go of the others.
 ///
 /// Raises:
 ///     ArgumentError: `start` is on another body, or a value that is impossible.
@@ -211,17 +211,32 @@ pub fn rollout_many<'py>(
             state
         }
     };
-    let traces: Vec<_> = paths.iter().map(|p| trace(py, p.get().len(), None)).collect::<PyResult<_>>()?;
-    let mut rooms: Vec<_> = traces.iter().map(room).collect::<PyResult<_>>()?;
-    let rides: Vec<Mutex<Ride<'_>>> = rooms
-        .iter_mut()
-        .zip(&paths)
-        .map(|(room, path)| Ok(Mutex::new(Ride { path: path.get(), rows: room.rows()? })))
-        .collect::<PyResult<_>>()?;
+    let ends: Vec<usize> = paths
+        .iter()
+        .scan(0, |end, path| {
+            *end += path.get().len();
+            Some(*end)
+        })
+        .collect();
+    // One array for all of them: the system gives memory for one large one sooner than for many small ones, and the cores don't wait
+    // for each other there.
+    let all = trace(py, ends.last().copied().unwrap_or(0), None)?;
+    let mut borrowed = room(&all)?;
+    let mut rest = borrowed.rows()?;
+    let mut rides = Vec::with_capacity(paths.len());
+    for path in &paths {
+        let (rows, others) = rest.split_at_mut(path.get().len());
+        rides.push(Mutex::new(Ride { path: path.get(), rows }));
+        rest = others;
+    }
     interruptible(py, |_, cancelled| run(&first, shared, &rides, threads, cancelled), |_, ()| Ok(()))?;
     drop(rides);
-    drop(rooms);
-    Ok(traces)
+    drop(borrowed);
+    let part = |(k, &end): (usize, &usize)| {
+        let begin = if k == 0 { 0 } else { ends[k - 1] };
+        all.get_item(PySlice::new(py, begin as isize, end as isize, 1))
+    };
+    ends.iter().enumerate().map(part).collect()
 }
 
 /// A path, and where its trace goes.

@@ -77,7 +77,7 @@ def test_with_starts_reads_steers_and_ends(lump):
         session.resume()
         assert session.outcome is None
     assert session.outcome.is_well and "asked" in session.outcome.end
-    assert session.outcome.periods > first.number
+    assert session.outcome.periods > 10 and session.latest().number > first.number
     with pytest.raises(palpate.SessionError, match="closed"):
         session.pause()
 

@@ -381,7 +381,7 @@ fn messages_name_the_place_and_the_hint() {
     refused(&bytes[..bytes.len() - 1], &["tensors", "incomplete"]);
     refused(&[&bytes[..], &[0]].concat(), &["tensors", "incomplete"]);
     changed("\"palpate-body\"", "\"llama\"", &["metadata `schema`", "`llama`", "no body file"]);
-    changed("\"version\":\"1\"", "\"version\":\"5\"", &["metadata `version`", "newer palpate", "update"]);
+    changed("\"version\":\"1\"", "\"version\":\"6\"", &["metadata `version`", "newer palpate", "update"]);
     changed("\"version\":\"1\"", "\"version\":\"-1\"", &["metadata `version`", "`-1`"]);
     changed("\"version\":\"1\"", "\"edition\":\"1\"", &["metadata `version`", "missing"]);
     changed("SI: m, N, J", "mm, N", &["metadata `units`", "mm"]);

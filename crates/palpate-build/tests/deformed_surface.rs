@@ -55,7 +55,7 @@ fn places_that_were_left_out() {
                         |s: &palpate_simulate::State| (at, tool(s), s.depth_m, s.displacement_m.clone());
                     path.states.iter().map(state).collect()
                 };
-                let mut compare = |all: &[(_, _, f64, Vec<[f32; 3]>)], to: &mut Vec<_>| {
+                let compare = |all: &[(_, _, f64, Vec<[f32; 3]>)], to: &mut Vec<_>| {
                     to.extend(
                         trial.compare(all.iter().map(|(at, tool, depth, u)| (*at, *tool, *depth, &u[..]))),
                     );

@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Some("pad"),
         plain,
         "depth_mm=6 at_mm=-8,0,20 drag_mm=14 drag_deg=-90",
-        "-60,24,1.25",
+        "-60,24,1.1",
         true,
     )?;
     draw(
@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Some("lump"),
         of(Colouring::Stiffness),
         "depth_mm=5 at_mm=12,-8,15",
-        "-60,36,1.15",
+        "-60,36,1.05",
         true,
     )?;
     draw(
@@ -39,8 +39,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         "cylinder",
         Some("cylinder"),
         edges,
-        "depth_mm=5 at_mm=0,-30,-6 drag_mm=14 drag_deg=90",
-        "-70,18,1.3",
+        "depth_mm=5 at_mm=0,-30,-20 drag_mm=22",
+        "-70,18,1.15",
         true,
     )?;
     draw(&folder, "section", Some("pad"), cut, "depth_mm=7 at_mm=0,0,20", "-72,16,1.5", false)?;

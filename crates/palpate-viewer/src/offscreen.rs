@@ -159,7 +159,7 @@ impl Offscreen {
         input.viewports.entry(egui::ViewportId::ROOT).or_default().native_pixels_per_point = Some(scale);
         self.time_s += 1.0 / 60.0;
         let mut events = Vec::new();
-        let output = self.ctx.run_ui(input, |ui| events = ui::show(viewer, ui));
+        let output = self.ctx.run_ui(input, |ui| events.extend(ui::show(viewer, ui)));
         viewer.update(events);
         let jobs = self.ctx.tessellate(output.shapes, output.pixels_per_point);
         let RenderState { device, queue, target_format, renderer, .. } = &self.state;

@@ -63,8 +63,10 @@ impl Subject {
         let coloured = colouring::colour(&body, &surface, Colouring::Plain, 0.0, None, settings.theme);
         // What the body answers at its deepest is drawn as long as the body is large.
         let depth = place::depth_range_m(&body);
-        let middle = place::Place::of_node(&body, 0).press(&body, depth).force_n;
-        let metres_per_newton = 0.9 * surface.radius / middle.max(1e-3);
+        let some = (0..body.nodes().len()).step_by((body.nodes().len() / 500).max(1));
+        let force = |node: usize| place::Place::of_node(&body, node).press(&body, depth).force_n;
+        let most = some.map(force).fold(0.0, f64::max);
+        let metres_per_newton = 0.9 * surface.radius / most.max(1e-3);
         let indices = Arc::new(scene::indices(&surface));
         let tool = DrawnTool::of(&body);
         let mut subject = Subject {

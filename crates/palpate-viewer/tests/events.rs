@@ -113,13 +113,25 @@ impl Driven {
         self.viewer.tick(self.time_s);
         let mut happened = Vec::new();
         let viewer = &self.viewer;
-        let mut output = self.ctx.run_ui(input, |ui| happened = ui::show(viewer, ui));
+        let mut output = self.ctx.run_ui(input, |ui| happened.extend(ui::show(viewer, ui)));
         output.textures_delta.clear();
         self.viewer.update(happened);
         if let Some(message) = self.viewer.message() {
             let says = [
-                "give ", "drop ", "open ", "choose ", "check ", "make ", "record ", "export ", "take ",
-                "start ", "read ", "goes on", "install ",
+                "give ",
+                "drop ",
+                "open ",
+                "choose ",
+                "check ",
+                "make ",
+                "record ",
+                "export ",
+                "take ",
+                "start ",
+                "read ",
+                "goes on",
+                "install ",
+                "or a damaged one",
             ];
             assert!(says.iter().any(|w| message.text.contains(w)), "{message:?} says not what to do");
         }

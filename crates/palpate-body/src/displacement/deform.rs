@@ -147,9 +147,15 @@ impl Deformer {
 /// Without fields.
 fn make_dimple(body: &Body, contact: &Kinematics, radius: f64, positions: &mut [DVec3]) {
     let motion = contact.inward * contact.depth + contact.lateral;
-    for (node, p) in body.nodes().iter().zip(positions) {
+    // By vertices: nodes on the two sides of a crease must move alike.
+    let mut inward = vec![DVec3::ZERO; body.nodes().len()];
+    for (node, &vertex) in body.nodes().iter().zip(&body.vertices) {
+        inward[vertex as usize] += node.inward;
+    }
+    for ((node, &vertex), p) in body.nodes().iter().zip(&body.vertices).zip(positions) {
         // The other side of something thin stays.
-        let facing = smoothstep((node.inward.dot(contact.inward) + 0.2) / 0.7);
+        let inward = inward[vertex as usize].normalize_or(node.inward);
+        let facing = smoothstep((inward.dot(contact.inward) + 0.2) / 0.7);
         let share = dimple::share(node.position.distance(contact.point), contact.depth, radius);
         *p += motion * (facing * share);
     }

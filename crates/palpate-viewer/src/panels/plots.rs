@@ -4,8 +4,8 @@ use crate::palette::Rgb;
 use crate::place::{self, Place};
 use crate::state::{PAST_S, Viewer};
 use crate::ui::colour;
-use eframe::egui::{self, RichText, Ui};
-use egui_plot::{Bar, BarChart, Corner, Legend, Line, Plot, PlotPoints, Points};
+use eframe::egui::{self, Color32, RichText, Ui};
+use egui_plot::{AxisHints, Bar, BarChart, Corner, Legend, Line, Plot, PlotPoints, Points};
 use palpate::runtime::{Percentiles, Record};
 
 /// Height of a plot, points.
@@ -39,17 +39,21 @@ fn thinned(records: &[Record]) -> Vec<&Record> {
     records.iter().enumerate().filter(|(i, _)| i % stride == 0 || *i == last).map(|(_, r)| r).collect()
 }
 
-fn plot<'a>(id: &'a str, x: &str, y: &str) -> Plot<'a> {
+fn plot<'a>(id: &'a str, x: &'a str, y: &'a str, ink: Color32) -> Plot<'a> {
+    let small = egui::FontId::proportional(9.5);
+    let axis = |hints: AxisHints<'a>, name: &'a str, closest: f32| {
+        let hints = hints.label(RichText::new(name).small()).tick_label_font(small.clone());
+        hints.label_spacing(egui::Rangef::new(closest, 1.2 * closest))
+    };
     Plot::new(id)
         .height(HEIGHT)
         .allow_drag(false)
         .allow_zoom(false)
         .allow_scroll(false)
         .allow_boxed_zoom(false)
-        .x_axis_label(RichText::new(x).small())
-        .y_axis_label(RichText::new(y).small())
-        .y_axis_min_width(34.0)
-        .grid_spacing(egui::Rangef::new(5.0, 42.0))
+        .grid_color(ink.gamma_multiply(0.28))
+        .custom_x_axes(vec![axis(AxisHints::new_x(), x, 18.0)])
+        .custom_y_axes(vec![axis(AxisHints::new_y(), y, 12.0).min_thickness(34.0)])
 }
 
 fn legend() -> Legend {
@@ -66,17 +70,23 @@ fn ago(record: &Record, now_s: f64) -> f64 {
     record.time_s - now_s
 }
 
+/// Where the time axis begins, s: as far back as there is something, at most [`PAST_S`].
+fn begin(past: &[&Record], now_s: f64) -> f64 {
+    past.first().map_or(-PAST_S, |r| ago(r, now_s).clamp(-PAST_S, -0.05))
+}
+
 fn norm(v: [f64; 3]) -> f64 {
     v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
 fn force(ui: &mut Ui, past: &[&Record], now_s: f64, curves: [Rgb; 4]) {
+    let from = begin(past, now_s);
     let of = |name: &'static str, rgb, of: fn(&Record) -> f64| {
         line(name, past.iter().map(move |r| [ago(r, now_s), of(r)]), rgb)
     };
-    plot("force", "s", "N")
+    plot("force", "s", "N", ui.visuals().text_color())
         .legend(legend())
-        .include_x(-PAST_S)
+        .include_x(from)
         .include_x(0.0)
         .include_y(0.0)
         .include_y(0.5)
@@ -108,7 +118,7 @@ fn law(viewer: &Viewer, ui: &mut Ui, curves: [Rgb; 4]) {
     let deepest = depth_m.max(at[0]);
     let normal_name = if body.is_coupled() { "F′" } else { "f_z" };
     let small =
-        |id, x, y| plot(id, x, y).height(0.72 * HEIGHT).legend(legend()).include_x(0.0).include_y(0.0);
+        |id, x, y| plot(id, x, y, ink).height(0.72 * HEIGHT).legend(legend()).include_x(0.0).include_y(0.0);
     small("normal", "depth, mm", "N").show(ui, |p| {
         p.line(line(normal_name, along(deepest).map(|d| [d * 1e3, here.press(body, d).force_n]), curves[0]));
         p.points(dot(at[0], now.force_n));
@@ -144,18 +154,21 @@ fn law(viewer: &Viewer, ui: &mut Ui, curves: [Rgb; 4]) {
 }
 
 fn energy(ui: &mut Ui, past: &[&Record], now_s: f64, curves: [Rgb; 4]) {
+    let from = begin(past, now_s);
     let of = |name: &'static str, rgb, of: fn(&Record) -> f64| {
         line(name, past.iter().map(move |r| [ago(r, now_s), of(r) * 1e3]), rgb)
     };
-    plot("energy", "s", "mJ").legend(legend()).include_x(-PAST_S).include_x(0.0).include_y(0.0).show(
-        ui,
-        |p| {
+    plot("energy", "s", "mJ", ui.visuals().text_color())
+        .legend(legend())
+        .include_x(from)
+        .include_x(0.0)
+        .include_y(0.0)
+        .show(ui, |p| {
             p.line(of("work", curves[0], |r| r.work_j));
             p.line(of("stored", curves[2], |r| r.stored_j));
             p.line(of("dissipated", curves[1], |r| r.dissipated_j));
             p.line(of("generated", curves[3], |r| r.generated_j));
-        },
-    );
+        });
     if let Some(last) = past.last() {
         // What the tank can hold of what slips have dissipated, as the engine's ledger has it.
         let kept = (last.dissipated_j - last.generated_j).max(0.0);
@@ -191,7 +204,7 @@ fn lateness(viewer: &Viewer, ui: &mut Ui, curves: [Rgb; 4]) {
         let bars = bars.map(|(i, count)| Bar::new(i as f64 + shift, percent(count)).width(0.38)).collect();
         BarChart::new(name, bars).color(colour(rgb))
     };
-    plot("lateness", "µs, from", "%")
+    plot("lateness", "µs, from", "%", ui.visuals().text_color())
         .legend(legend().position(Corner::RightTop))
         .include_y(0.0)
         .include_y(60.0)
