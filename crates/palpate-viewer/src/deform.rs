@@ -1,15 +1,15 @@
 //! The deformed surface.
 //!
-//! What a body does around a tool is drawn as an elastic half-space does it under a ball (Hertz; Johnson, Contact Mechanics,
-//! eq. 3.41 and 3.42), with the depth and the lateral deflection of the contact, faded out towards the body's far side. It is a
-//! picture: no force depends on it. The surface follows the tool within the contact patch, and no vertex stays inside the tool.
+//! A body that was simulated moves as its displacement fields say ([`Deformer`]). What others do around a tool is drawn as an elastic
+//! half-space does it under a ball (Hertz; Johnson, Contact Mechanics, eq. 3.41 and 3.42), with the depth and the lateral deflection
+//! of the contact, faded out towards the body's far side. Both are pictures: no force depends on them. No vertex stays inside the tool.
 
 use crate::place;
 use crate::shown::Shown;
 use crate::surface::DrawnSurface;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use palpate::Body;
-use palpate::body::Tool;
+use palpate::body::{ContactState, Deformer, SurfacePoint, Tool};
 
 /// A tip without extent is drawn as a ball of this radius, in parts of the depth: a point would tear the surface.
 const POINT: f32 = 0.25;
@@ -19,6 +19,9 @@ const PATCH_MIN: f32 = 0.3;
 const REACH: f32 = 14.0;
 /// but no farther than this part of the body's size.
 const REACH_MAX: f32 = 0.9;
+
+/// Displacements that can't be seen, m.
+const SEEN: f32 = 1e-7;
 
 /// The surface in a state, ready to be drawn. The same buffers serve from state to state.
 #[derive(Debug, Clone, Default)]
@@ -37,9 +40,45 @@ pub struct Deformed {
     turned: Vec<(Vec3, f32)>,
 }
 
+/// What a simulated body deforms by.
+#[derive(Debug)]
+pub struct Fields {
+    deformer: Deformer,
+    /// Of the body's nodes, m.
+    positions: Vec<DVec3>,
+}
+
+impl Fields {
+    /// A body's; none where it has none, or they can't be read.
+    pub fn of(body: &Body) -> Option<Self> {
+        let deformer = Deformer::new(body).ok().filter(Deformer::has_fields)?;
+        Some(Fields { deformer, positions: Vec::new() })
+    }
+
+    fn displace(&mut self, body: &Body, state: &Shown) -> bool {
+        let Some(contact) = &state.contact else { return false };
+        let at = SurfacePoint { element: contact.element, n: contact.n };
+        self.deformer.displace(body, &ContactState { at, tool_m: state.tool_m() }, &mut self.positions);
+        true
+    }
+
+    /// What a vertex of the drawn surface is displaced by, m.
+    fn at(&self, body: &Body, surface: &DrawnSurface, vertex: usize) -> Vec3 {
+        let numbers = body.element_node_numbers(surface.elements[vertex]);
+        let moved = |n: u32| (self.positions[n as usize] - body.nodes()[n as usize].position).as_vec3();
+        numbers.into_iter().zip(surface.area_coordinates[vertex]).map(|(n, share)| moved(n) * share).sum()
+    }
+}
+
 /// Puts the vertices where they are in a state; at rest where nothing is touched. Positions and normals have the order of
 /// [`DrawnSurface::positions`].
-pub fn deform(body: &Body, surface: &DrawnSurface, state: Option<&Shown>, into: &mut Deformed) {
+pub fn deform(
+    body: &Body,
+    surface: &DrawnSurface,
+    state: Option<&Shown>,
+    fields: Option<&mut Fields>,
+    into: &mut Deformed,
+) {
     let was_deformed = into.is_deformed || into.positions.len() != surface.positions.len();
     if was_deformed {
         into.positions.clone_from(&surface.positions);
@@ -50,8 +89,17 @@ pub fn deform(body: &Body, surface: &DrawnSurface, state: Option<&Shown>, into: 
     into.is_deformed = true;
     into.moved.clear();
     into.moved.resize(surface.positions.len(), false);
+    let fields =
+        fields.zip(state).and_then(|(fields, state)| fields.displace(body, state).then_some(&*fields));
     for (v, (p, n)) in surface.positions.iter().zip(&surface.normals).enumerate() {
-        if let Some(moved) = dimple.at(*p, *n) {
+        let moved = match &fields {
+            Some(fields) => {
+                let by = fields.at(body, surface, v);
+                (by.length() > SEEN).then(|| dimple.out_of_the_ball(*p + by).unwrap_or(*p + by))
+            }
+            None => dimple.at(*p, *n),
+        };
+        if let Some(moved) = moved {
             into.positions[v] = moved;
             into.moved[v] = true;
         }
@@ -178,7 +226,9 @@ mod tests {
     use super::*;
     use glam::DVec3;
     use palpate::body::shape::{Resolution, Shape};
-    use palpate::body::{BodyParts, Response};
+    use palpate::body::{
+        BlendWeights, BodyParts, DisplacementFields, FieldSet, FieldSurface, PlaceField, Response,
+    };
     use palpate::{Contact, ToolState};
 
     fn ball(tool: Tool) -> Body {
@@ -219,7 +269,7 @@ mod tests {
                 let shown = pressed(&body, depth, along);
                 let contact = shown.contact.unwrap();
                 let mut deformed = Deformed::default();
-                deform(&body, &surface, Some(&shown), &mut deformed);
+                deform(&body, &surface, Some(&shown), None, &mut deformed);
                 assert!(deformed.is_deformed);
                 let tip = (place::tip_m(&body, &contact, shown.tool_m()) - surface.origin).as_vec3();
                 let nearest =
@@ -246,14 +296,61 @@ mod tests {
         let mut deformed = Deformed::default();
         deform(&body, &surface, Some(&pressed(&body, 4e-3, 0.0)), &mut deformed);
         assert_ne!(deformed.positions, surface.positions);
-        deform(&body, &surface, None, &mut deformed);
+        deform(&body, &surface, None, None, &mut deformed);
         assert!(!deformed.is_deformed);
         assert_eq!(deformed.positions, surface.positions);
         assert_eq!(deformed.normals, surface.normals);
         let nan = ToolState::at([f64::NAN; 3]);
         let shown = Shown { tool: nan, ..pressed(&body, 4e-3, 0.0) };
-        deform(&body, &surface, Some(&shown), &mut deformed);
+        deform(&body, &surface, Some(&shown), None, &mut deformed);
         assert!(deformed.positions.iter().all(|p| p.is_finite()));
         assert_eq!(shown.tool_m(), DVec3::ZERO);
+    }
+
+    /// A body with fields moves by them: between the nodes as its elements do, and otherwise than the dimple.
+    #[test]
+    fn a_simulated_body_moves_by_its_fields() {
+        let body = ball(Tool::Sphere { radius_m: 5e-3 });
+        let surface = &body.parts().surface;
+        let (mut positions, mut faces) = (surface.positions().to_vec(), Vec::new());
+        for element in surface.elements() {
+            let [a, b, c] = element.nodes;
+            let first = positions.len() as u32;
+            for [p, q] in [[a, b], [b, c], [c, a]].map(|e| e.map(|n| positions[n as usize])) {
+                positions.push((p + q) * 0.5);
+            }
+            faces.push([a, b, c, first, first + 1, first + 2]);
+        }
+        // All of the upper half goes along, as on a foot that gives way.
+        let moved = |p: &DVec3| [0.0, 0.0, if p.z > 0.0 { -4e-3 } else { 0.0 }];
+        let field: Vec<[f32; 3]> = positions.iter().map(|p| moved(p).map(|c| c as f32)).collect();
+        let on = FieldSurface::new(positions, faces).unwrap();
+        let place = PlaceField {
+            point: DVec3::Z * 30e-3,
+            inward: DVec3::NEG_Z,
+            tangent: DVec3::X,
+            states: vec![(4e-3, vec![&field[..]])],
+        };
+        let mut press = FieldSet::default();
+        press.push(&on, &place, false).unwrap();
+        let test_points = body.test_point_nodes().len();
+        let blends = vec![BlendWeights::own(0); test_points];
+        let fields =
+            DisplacementFields::new(on, press.with_blends(blends), FieldSet::default(), test_points).unwrap();
+        let body = body.with_displacement_fields(Some(fields)).unwrap();
+
+        let drawn = DrawnSurface::new(&body, false);
+        let (mut by_fields, mut dimple) = (Deformed::default(), Deformed::default());
+        let shown = pressed(&body, 4e-3, 0.0);
+        deform(&body, &drawn, Some(&shown), Fields::of(&body).as_mut(), &mut by_fields);
+        deform(&body, &drawn, Some(&shown), None, &mut dimple);
+        let down = |of: &Deformed, v: usize| drawn.positions[v].z - of.positions[v].z;
+        let far = |v: &usize| drawn.positions[*v].z > 0.01 && drawn.positions[*v].z < 0.02;
+        let seen: Vec<usize> = (0..drawn.positions.len()).filter(far).collect();
+        assert!(seen.len() > 100);
+        for v in seen {
+            assert!((down(&by_fields, v) - 4e-3).abs() < 2e-4, "{}", down(&by_fields, v));
+            assert!(down(&dimple, v) < 2e-3, "{}", down(&dimple, v));
+        }
     }
 }

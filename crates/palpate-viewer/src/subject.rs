@@ -2,7 +2,7 @@
 
 use crate::camera::Camera;
 use crate::colouring::{self, Coloured, Colouring};
-use crate::deform::{Deformed, deform};
+use crate::deform::{Deformed, Fields, deform};
 use crate::palette::Theme;
 use crate::place;
 use crate::scene::{self, BodyMesh, Indices, Scene, Sight};
@@ -45,6 +45,7 @@ pub struct Subject {
     coloured_by: (Colouring, f64, Theme, usize),
     indices: Arc<Indices>,
     deformed: Deformed,
+    fields: Option<Fields>,
     mesh: Arc<BodyMesh>,
     generation: [u64; 2],
     /// The state that the mesh shows.
@@ -69,6 +70,7 @@ impl Subject {
         let metres_per_newton = 0.9 * surface.radius / most.max(1e-3);
         let indices = Arc::new(scene::indices(&surface));
         let tool = DrawnTool::of(&body);
+        let fields = Fields::of(&body);
         let mut subject = Subject {
             body,
             name,
@@ -79,6 +81,7 @@ impl Subject {
             coloured_by: (Colouring::Plain, 0.0, settings.theme, 0),
             indices,
             deformed: Deformed::default(),
+            fields,
             mesh: Arc::default(),
             generation: [generation(), generation()],
             shown: None,
@@ -155,7 +158,7 @@ impl Subject {
 
     fn draw_again(&mut self, shown: Option<Shown>) {
         let was_deformed = self.deformed.is_deformed;
-        deform(&self.body, &self.surface, shown.as_ref(), &mut self.deformed);
+        deform(&self.body, &self.surface, shown.as_ref(), self.fields.as_mut(), &mut self.deformed);
         self.shown = shown;
         // At rest before and now, and coloured as before: nothing to do.
         let drawn = &self.mesh.vertices;
