@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 /// Touch soft, nonlinear bodies: force-deflection curves at the nodes, a force that is continuous everywhere.
 #[derive(Parser)]
-#[command(version = palpate::VERSION, arg_required_else_help = true)]
+#[command(name = "palpate", version = palpate::VERSION, arg_required_else_help = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
