@@ -485,7 +485,7 @@ impl Viewer {
                 self.end_activity();
                 self.unfinished = None;
                 self.hand = Hand::default();
-                let subject = Subject::new(opened, &self.settings);
+                let subject = Subject::new(*opened, &self.settings);
                 self.camera = subject.camera();
                 let depth = crate::place::depth_range_m(&subject.body);
                 self.settings.press_depth_m = 0.7 * depth;
@@ -537,7 +537,7 @@ impl Viewer {
 
     /// Shows a body at once.
     pub fn show_body(&mut self, opened: crate::work::Opened) {
-        self.came(Done::Body(opened));
+        self.came(Done::Body(Box::new(opened)));
     }
 
     /// Points the camera as a command says.
