@@ -285,7 +285,7 @@ fn state(device: &str, r: &Record) -> Result<()> {
     console::text(&format!("{}\n", serde_json::to_string(&state)?))
 }
 
-/// What is said at the end, and whether it was well.
+/// What became of a session, as it is told.
 pub fn tell(outcome: Outcome) -> Told {
     let Outcome { device, report, finished, rate_hz, is_recorded } = outcome;
     let faults = report.page_faults;

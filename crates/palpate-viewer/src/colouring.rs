@@ -194,7 +194,10 @@ pub fn colour(
             (values, "proved margin of passivity".into(), "", ColourMap::Diverging)
         }
     };
-    let range = range_of(&values, map);
+    let range = match colouring {
+        Colouring::Interpolation => [100.0 / 3.0, 100.0],
+        _ => range_of(&values, map),
+    };
     let span = range[1] - range[0];
     let share = |v: f64| if span > 0.0 { (v - range[0]) / span } else { 0.5 + 0.0 * v };
     let marks = match colouring {

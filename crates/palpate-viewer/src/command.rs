@@ -1,7 +1,6 @@
 //! What the command `palpate view` asks for.
 
 use crate::camera::CameraChoice;
-use crate::colouring::Colouring;
 use crate::gallery::Example;
 use crate::offscreen::{DrawError, Offscreen};
 use crate::playback::Playback;
@@ -15,7 +14,7 @@ use palpate::runtime::{Outcome, SessionConfig};
 use std::path::{Path, PathBuf};
 
 /// All that a command can say.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Request {
     /// A body's file, or one of the examples' names; without it, the window begins with the examples.
     pub body: Option<PathBuf>,
@@ -33,21 +32,6 @@ pub struct Request {
     pub colour_depth_m: Option<f64>,
     /// A session to be watched, in place of the mouse as tool.
     pub session: Option<SessionConfig>,
-}
-
-impl Default for Request {
-    fn default() -> Self {
-        Request {
-            body: None,
-            recording: None,
-            time_s: None,
-            camera: None,
-            state: None,
-            settings: Settings::default(),
-            colour_depth_m: None,
-            session: None,
-        }
-    }
 }
 
 /// What a picture shows, and how large it is.
@@ -200,15 +184,14 @@ pub fn prepared(request: &Request) -> Result<Viewer, ViewError> {
     viewer.tick(0.0);
     viewer.touches = true;
     // Bounds are shown when they are all there.
-    while request.settings.colouring == Colouring::Certificate {
-        let (known, all) = viewer
-            .subject()
-            .map_or((0, 0), |s| (s.certificate().map_or(0, |c| c.len()), s.body.elements().len()));
-        if known >= all {
-            viewer.tick(0.0);
-            break;
+    let unknown = |viewer: &Viewer| {
+        viewer.subject().is_some_and(|s| s.certificate().is_some_and(|c| c.len() < s.body.elements().len()))
+    };
+    if unknown(&viewer) {
+        while unknown(&viewer) {
+            std::thread::sleep(std::time::Duration::from_millis(20));
         }
-        std::thread::sleep(std::time::Duration::from_millis(20));
+        viewer.tick(0.0);
     }
     Ok(viewer)
 }
@@ -221,7 +204,7 @@ fn opened(path: &Path) -> Result<Opened, ViewError> {
         _ => Work::open_body(path.to_path_buf()),
     };
     match work.wait() {
-        Done::Body(opened) => Ok(opened),
+        Done::Body(opened) => Ok(*opened),
         Done::Failed(text) | Done::Cancelled(text) => Err(ViewError::Input(text)),
         Done::Recording(_) => Err(ViewError::Input(format!("{}: it is no body", path.display()))),
     }

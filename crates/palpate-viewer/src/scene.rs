@@ -299,10 +299,14 @@ fn tool(
 fn spring(marks: &mut Solids, from: Vec3, to: Vec3, thin: f32, colour: crate::palette::Rgb) {
     let Some(axis) = (to - from).try_normalize().filter(|_| from.distance(to) > 4.0 * thin) else { return };
     let aside = axis.any_orthonormal_vector() * 2.5 * thin;
-    let turns = 10;
-    let place = |k: usize| {
+    let turns = 10u32;
+    let place = |k: u32| {
         let straight = from + (to - from) * (k as f32 / turns as f32);
-        if k == 0 || k == turns { straight } else { straight + if k % 2 == 0 { aside } else { -aside } }
+        if k == 0 || k == turns {
+            straight
+        } else {
+            straight + if k.is_multiple_of(2) { aside } else { -aside }
+        }
     };
     let places: Vec<Vec3> = (0..=turns).map(place).collect();
     marks.line(&places, 0.5 * thin, colour);

@@ -485,7 +485,7 @@ impl Viewer {
                 self.end_activity();
                 self.unfinished = None;
                 self.hand = Hand::default();
-                let subject = Subject::new(opened, &self.settings);
+                let subject = Subject::new(*opened, &self.settings);
                 self.camera = subject.camera();
                 let depth = crate::place::depth_range_m(&subject.body);
                 self.settings.press_depth_m = 0.7 * depth;
@@ -537,7 +537,7 @@ impl Viewer {
 
     /// Shows a body at once.
     pub fn show_body(&mut self, opened: crate::work::Opened) {
-        self.came(Done::Body(opened));
+        self.came(Done::Body(Box::new(opened)));
     }
 
     /// Points the camera as a command says.
@@ -564,7 +564,11 @@ impl Viewer {
     /// Periods of the last [`PAST_S`] seconds, for panels.
     pub fn past(&self) -> &[Record] {
         match &self.activity {
-            Activity::Touch(_) => &self.records,
+            Activity::Touch(_) => {
+                let last_s = self.records.last().map_or(0.0, |r| r.time_s);
+                let from = self.records.partition_point(|r| r.time_s < last_s - PAST_S);
+                self.records.get(from..).unwrap_or(&[])
+            }
             Activity::Playback(playback) => playback.past(PAST_S),
             Activity::Still(still) => &still.records,
             Activity::Rest => &[],
@@ -574,10 +578,8 @@ impl Viewer {
     /// Where the contact point has been, m.
     pub fn track(&self) -> Vec<DVec3> {
         match &self.activity {
-            Activity::Touch(_) => track(&self.records),
-            Activity::Playback(playback) => playback.track(PAST_S),
-            Activity::Still(still) => track(&still.records),
             Activity::Rest => Vec::new(),
+            _ => track(self.past()),
         }
     }
 

@@ -17,7 +17,7 @@ use std::thread;
 #[derive(Debug)]
 pub enum Done {
     /// A body to be shown.
-    Body(Opened),
+    Body(Box<Opened>),
     /// A recording of the body that is shown.
     Recording(Box<Playback>),
     /// It did not work: one message that says what to do.
@@ -109,7 +109,7 @@ impl Work {
     /// Opens a body's file.
     pub fn open_body(path: PathBuf) -> Self {
         Work::start(format!("Opening {}", name_of(&path)), false, move |_, _| match opened(&path) {
-            Ok(opened) => Done::Body(opened),
+            Ok(opened) => Done::Body(Box::new(opened)),
             Err(e) => Done::Failed(e),
         })
     }
@@ -134,7 +134,7 @@ impl Work {
                 _ => example.make().map_err(|e| Done::Failed(e.to_string())),
             };
             let opened = |body| Opened { body, name: example.title().into(), file: BodyFile::default() };
-            made.map_or_else(|done| done, |body| Done::Body(opened(body)))
+            made.map_or_else(|done| done, |body| Done::Body(Box::new(opened(body))))
         })
     }
 
@@ -148,7 +148,7 @@ impl Work {
             };
             let file = folder.join(format!("{}.body", stem_of(&spec)));
             match body.save(&file).map_err(|e| e.to_string()).and_then(|()| opened(&file)) {
-                Ok(opened) => Done::Body(opened),
+                Ok(opened) => Done::Body(Box::new(opened)),
                 Err(e) => Done::Failed(e),
             }
         })

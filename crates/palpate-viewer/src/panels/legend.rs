@@ -66,7 +66,7 @@ fn bar(painter: &egui::Painter, legend: &Legend, lower_left: egui::Pos2, ink: Co
 
 /// With as many digits as tell places of the range apart.
 fn number(value: f64, span: f64) -> String {
-    let size = span.abs().max(value.abs() * 1e-3).max(1e-12);
+    let size = if span > 0.0 { span } else { value.abs() }.max(1e-12);
     let digits = (2.0 - size.log10().floor()).clamp(0.0, 6.0) as usize;
     format!("{value:.digits$}")
 }
