@@ -199,7 +199,7 @@ fn foreign_fields_are_refused() {
     let none = FieldSet::default();
     assert!(DisplacementFields::new(on.clone(), none.clone(), none.clone(), 0).is_err());
     assert!(FieldSurface::new(on.positions().to_vec(), vec![[u32::MAX; 6]]).is_err());
-    let short = vec![[0.0f32; 3]; 3];
+    let short = [[0.0f32; 3]; 3];
     let place = |states| PlaceField { point: DVec3::ZERO, inward: DVec3::Z, tangent: DVec3::X, states };
     assert!(FieldSet::default().push(&on, &place(vec![(1e-3, vec![&short[..]])]), false).is_err());
     let mut infinite = vec![[0.0f32; 3]; on.positions().len()];
