@@ -127,7 +127,8 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
     let by_default = if record.plan.contact.is_some() { DEFAULT_SAGITTA_M } else { 0.0 };
     let sagitta_m = spec.sagitta_m.unwrap_or(by_default);
     let mut fields = None;
-    if spec.displacements != Some(false) {
+    // Nor had bodies of records of version 1 fields.
+    if spec.displacements.unwrap_or(record.plan.contact.is_some()) {
         fields = displacement_fields(record, scene, &surface, &test_point_nodes)?;
     }
     if let Some(bytes) = fields.as_ref().map(DisplacementFields::bytes)
