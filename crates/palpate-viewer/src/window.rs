@@ -54,6 +54,11 @@ pub fn open(
     first: Vec<Event>,
     is_asked: Box<dyn Fn() -> bool>,
 ) -> Result<Option<Outcome>, String> {
+    if !has_display() {
+        return Err("there is no display: neither DISPLAY nor WAYLAND_DISPLAY is set; open the window from a desktop, or draw a picture \
+                    with `palpate view --screenshot FILE`, which needs none"
+            .into());
+    }
     let outcome = Arc::new(Mutex::new(None));
     let theirs = outcome.clone();
     let mut viewer = viewer;

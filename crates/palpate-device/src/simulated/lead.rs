@@ -3,7 +3,6 @@
 use super::{HandMotion, Target};
 use glam::DVec3;
 use std::cell::Cell;
-use std::f64::consts::E;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -63,8 +62,8 @@ struct Follower {
 impl Follower {
     /// `span` s later, with the lead at rest at `to`: x = to + (a + b t) e^(−ω t).
     fn after(self, span: f64, to: DVec3) -> Self {
-        // From rest at a distance d an oscillator of ω is as fast as ω d/e.
-        let way = (to - self.place).clamp_length_max(SPEED_MAX_M_PER_S * E / PER_S);
+        // Of a lead that keeps ahead by d: x″ = ω² d − 2ω x′ comes to ω d/2, from below.
+        let way = (to - self.place).clamp_length_max(2.0 * SPEED_MAX_M_PER_S / PER_S);
         let to = self.place + way;
         let a = self.place - to;
         let b = self.rate + a * PER_S;
