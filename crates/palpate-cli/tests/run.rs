@@ -83,6 +83,7 @@ impl PointSolver for Fake {
         let press = LoadPath {
             states: plan.depths.iter().take(reached).map(|&d| state(d, 0.0, DVec3::ZERO)).collect(),
             stopped: plan.depths.get(reached).and_then(|&d| stop(d)),
+            halved: None,
         };
         let drags = plan.drags.iter().map(|drag| {
             if drag.from >= reached {

@@ -294,7 +294,7 @@ mod tests {
         let body = ball(Tool::Sphere { radius_m: 5e-3 });
         let surface = DrawnSurface::new(&body, false);
         let mut deformed = Deformed::default();
-        deform(&body, &surface, Some(&pressed(&body, 4e-3, 0.0)), &mut deformed);
+        deform(&body, &surface, Some(&pressed(&body, 4e-3, 0.0)), None, &mut deformed);
         assert_ne!(deformed.positions, surface.positions);
         deform(&body, &surface, None, None, &mut deformed);
         assert!(!deformed.is_deformed);
