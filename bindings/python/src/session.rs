@@ -262,8 +262,9 @@ impl Session {
                     if is_over || is_up() || part.elapsed() >= PATIENCE {
                         return PyResult::Ok(is_over);
                     }
-                    let nap = left()
-                        .map_or(BETWEEN_LOOKS, |s| BETWEEN_LOOKS.min(Duration::from_secs_f64(s.max(0.0))));
+                    let nap = left().map_or(BETWEEN_LOOKS, |s| {
+                        Duration::from_secs_f64(s.clamp(0.0, BETWEEN_LOOKS.as_secs_f64()))
+                    });
                     thread::sleep(nap);
                 }
             })?;

@@ -76,6 +76,8 @@ pub fn open(request: &Request, is_asked: Box<dyn Fn() -> bool>) -> Result<Option
     if request.state.is_some() && request.session.is_none() {
         return Ok(window::open(prepared(request)?, Vec::new(), is_asked)?);
     }
+    // A session begins with its body: not before there is somewhere to show it and to stop it.
+    window::display()?;
     let mut viewer = Viewer::with_settings(request.settings);
     let mut first = Vec::new();
     if let Some(config) = &request.session {

@@ -183,14 +183,27 @@ impl MeshQuestion {
         }
         let absolute = std::path::absolute(&self.path).unwrap_or_else(|_| self.path.clone());
         let stem = stem_of(&self.path);
-        let folder = absolute.with_file_name(format!("{stem}-palpate"));
-        let spec = folder.join(format!("{stem}.toml"));
-        let unwritable = |e: std::io::Error| {
-            format!("{}: can't be written ({e}); copy the mesh to a folder of your own", folder.display())
-        };
-        fs::create_dir_all(&folder).map_err(unwritable)?;
-        fs::write(&spec, self.spec(&absolute, unit, [low, high])).map_err(unwritable)?;
-        Ok([spec, folder])
+        let text = self.spec(&absolute, unit, [low, high]);
+        // Beside what other answers, or another mesh of this name, made before.
+        for number in 1..1000 {
+            let name =
+                if number == 1 { format!("{stem}-palpate") } else { format!("{stem}-palpate-{number}") };
+            let folder = absolute.with_file_name(name);
+            let spec = folder.join(format!("{stem}.toml"));
+            let unwritable = |e: std::io::Error| {
+                format!("{}: can't be written ({e}); copy the mesh to a folder of your own", folder.display())
+            };
+            match fs::read_to_string(&spec) {
+                Ok(before) if before == text => return Ok([spec, folder]),
+                Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
+                    fs::create_dir_all(&folder).map_err(unwritable)?;
+                    fs::write(&spec, text).map_err(unwritable)?;
+                    return Ok([spec, folder]);
+                }
+                _ => {}
+            }
+        }
+        Err(format!("{}: too many simulations of it are beside it; remove some", self.path.display()))
     }
 
     fn spec(&self, mesh: &Path, unit: &str, [low, high]: [DVec3; 2]) -> String {

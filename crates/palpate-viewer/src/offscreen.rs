@@ -8,8 +8,6 @@ use eframe::egui_wgpu::{
     RenderState, RendererOptions, ScreenDescriptor, WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew,
 };
 use eframe::{egui, wgpu};
-use std::fs::File;
-use std::io::BufWriter;
 use std::path::Path;
 
 /// Why nothing can be drawn.
@@ -25,13 +23,8 @@ pub enum DrawError {
     #[error("the graphics adapter failed ({0}); update its driver, or take a smaller picture")]
     Lost(String),
     /// The picture can't be written.
-    #[error("{path}: can't be written ({reason}); check the folder and its permissions")]
-    Unwritable {
-        /// The file.
-        path: String,
-        /// Why.
-        reason: String,
-    },
+    #[error("{0}")]
+    Unwritable(String),
     /// More pixels than an adapter can.
     #[error("a picture of {0} × {1} pixels; give from 64 to 8,192 each way")]
     Size(u32, u32),
@@ -52,25 +45,18 @@ impl Picture {
     /// # Errors
     /// The file can't be written.
     pub fn save(&self, path: &Path) -> Result<(), DrawError> {
-        let unwritable = |reason: String| DrawError::Unwritable { path: path.display().to_string(), reason };
-        let mut beside = path.as_os_str().to_owned();
-        beside.push(".part");
-        let write = || -> Result<(), String> {
-            let file = BufWriter::new(File::create(&beside).map_err(|e| e.to_string())?);
-            let mut encoder = png::Encoder::new(file, self.size[0], self.size[1]);
+        let write = |out: &mut dyn std::io::Write| {
+            let mut encoder = png::Encoder::new(out, self.size[0], self.size[1]);
             encoder.set_color(png::ColorType::Rgb);
             encoder.set_depth(png::BitDepth::Eight);
             encoder.set_compression(png::Compression::Balanced);
-            let mut writer = encoder.write_header().map_err(|e| e.to_string())?;
+            let mut writer = encoder.write_header()?;
             let rgb: Vec<u8> = self.pixels.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
-            writer.write_image_data(&rgb).map_err(|e| e.to_string())?;
-            writer.finish().map_err(|e| e.to_string())?;
-            std::fs::rename(&beside, path).map_err(|e| e.to_string())
+            writer.write_image_data(&rgb)?;
+            writer.finish()?;
+            Ok(())
         };
-        write().map_err(|reason| {
-            let _ = std::fs::remove_file(&beside);
-            unwritable(reason)
-        })
+        palpate::files::replace(path, write).map_err(|e| DrawError::Unwritable(palpate::files::message(&e)))
     }
 }
 

@@ -349,8 +349,9 @@ impl Viewer {
     fn start(&mut self) {
         self.end_activity();
         let Some(subject) = &self.subject else { return };
-        if let Some(config) = &self.to_watch {
-            let watched = Touch::watched(&subject.session_body(), config);
+        // Once: what comes after it is led by the mouse.
+        if let Some(config) = self.to_watch.take() {
+            let watched = Touch::watched(&subject.session_body(), &config);
             self.begin_touch(watched);
             return;
         }
@@ -426,7 +427,16 @@ impl Viewer {
             Ok(Kind::Mesh) => self.question = Some(MeshQuestion::new(path)),
             Ok(Kind::Spec) => {
                 let absolute = std::path::absolute(&path).unwrap_or(path);
-                let folder = absolute.with_file_name(format!("{}-palpate", crate::work::stem_of(&absolute)));
+                let own = format!("{}-palpate", crate::work::stem_of(&absolute));
+                // A spec that the window wrote lies in its folder.
+                let folder = match absolute.parent() {
+                    Some(parent)
+                        if parent.file_name().is_some_and(|n| n.to_string_lossy().starts_with(&own)) =>
+                    {
+                        parent.to_owned()
+                    }
+                    _ => absolute.with_file_name(own),
+                };
                 self.simulate([absolute, folder]);
             }
         }
@@ -450,6 +460,7 @@ impl Viewer {
 
     /// Whatever was under way is left off.
     fn begin(&mut self, work: Work) {
+        self.unfinished = None;
         self.work = Some(work);
     }
 

@@ -45,6 +45,19 @@ pub fn has_display() -> bool {
     !cfg!(all(unix, not(target_os = "macos"))) || is_set("DISPLAY") || is_set("WAYLAND_DISPLAY")
 }
 
+/// Asks for a display before anything else begins.
+///
+/// # Errors
+/// There is none.
+pub fn display() -> Result<(), String> {
+    if has_display() {
+        return Ok(());
+    }
+    Err("there is no display: neither DISPLAY nor WAYLAND_DISPLAY is set; open the window from a desktop, or draw a picture with \
+         `palpate view --screenshot FILE`, which needs none"
+        .into())
+}
+
 /// Opens a window on this viewer, and waits until it is closed or `is_asked` comes true. What a watched session came to, if one was.
 ///
 /// # Errors
@@ -54,11 +67,7 @@ pub fn open(
     first: Vec<Event>,
     is_asked: Box<dyn Fn() -> bool>,
 ) -> Result<Option<Outcome>, String> {
-    if !has_display() {
-        return Err("there is no display: neither DISPLAY nor WAYLAND_DISPLAY is set; open the window from a desktop, or draw a picture \
-                    with `palpate view --screenshot FILE`, which needs none"
-            .into());
-    }
+    display()?;
     let outcome = Arc::new(Mutex::new(None));
     let theirs = outcome.clone();
     let mut viewer = viewer;

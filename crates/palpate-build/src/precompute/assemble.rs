@@ -222,7 +222,7 @@ pub fn first_round(most: u32) -> usize {
     (most / 3).max(LEAST).min(most) as usize
 }
 
-/// What is to be said of load steps, where halving them changes more than [`STEPS_MATTER`] of a force: of each path how much it
+/// What is to be said of load steps, where halving them changes more than 0.5 % of a force: of each path how much it
 /// changes, where that was checked.
 pub fn steps_told(halved: impl Iterator<Item = Option<f64>>) -> Option<String> {
     let checked: Vec<f64> = halved.flatten().collect();

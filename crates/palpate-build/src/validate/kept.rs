@@ -123,6 +123,10 @@ impl<'a> Kept<'a> {
         let mut out = self.out.lock().unwrap_or_else(PoisonError::into_inner);
         let (file, failed) = &mut *out;
         let written = serde_json::to_vec(&entry).map_err(std::io::Error::from).and_then(|mut line| {
+            // After what could not be written whole the next line begins anew.
+            if failed.is_some() {
+                line.insert(0, b'\n');
+            }
             line.push(b'\n');
             file.write_all(&line)
         });

@@ -106,6 +106,9 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let configs = run_options::configs(args)?;
     match &configs[..] {
+        [config] if config.clock == ClockChoice::Virtual && args.view => {
+            Err(anyhow!("--view: virtual time passes in no time; leave out one of both").into())
+        }
         [config] if config.clock == ClockChoice::Virtual => virtual_time(args, config),
         configs => against_the_clock(args, configs),
     }
@@ -191,6 +194,17 @@ fn view(args: &Args, configs: &[SessionConfig]) -> Result<(), Failure> {
     let [config] = configs else {
         return Err(anyhow!("--view: a window shows one device; give one --device").into());
     };
+    // A window that is hidden hears no signal, and a panic of its toolkit is no panic of the loop's.
+    if !matches!(config.device, DeviceChoice::Simulated(_) | DeviceChoice::Replay(_)) {
+        return Err(anyhow!(
+            "--view: a window shows simulated devices and replays; run the device without it, with --record, and look at the \
+             recording with `palpate view BODY --recording FILE`"
+        )
+        .into());
+    }
+    if args.live.body_in.is_some() {
+        return Err(anyhow!("--view: a window has the whole body in memory; leave out --body-in").into());
+    }
     let request = palpate_viewer::command::Request {
         body: Some(args.body.clone()),
         session: Some(config.clone()),

@@ -146,6 +146,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         colour_depth_m: args.colour_depth_mm.map(|mm| mm * 1e-3),
         session: None,
     };
+    let read: Vec<&std::path::Path> =
+        request.body.iter().chain(&request.recording).map(PathBuf::as_path).collect();
+    palpate_files::refuse_overwrite(args.screenshot.as_slice(), &read)?;
     let frame = Frame { size: args.size, has_panels: !args.bare, scale: args.pixels_per_point };
     let told = |e: palpate_viewer::command::ViewError| anyhow!("{e}");
     if let Some(folder) = &args.sequence {
