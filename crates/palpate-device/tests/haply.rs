@@ -326,13 +326,13 @@ fn a_service_that_hangs() {
     assert_eq!(fault, Fault::TimedOut);
     // Had one of them waited for the service, it would have been for 50 ms.
     assert!(
-        start.elapsed() / periods < Duration::from_millis(1),
+        start.elapsed() / periods < Duration::from_millis(10),
         "{periods} periods in {:?}",
         start.elapsed()
     );
     let start = Instant::now();
     drop(device);
-    assert!(start.elapsed() < Duration::from_secs(1), "{:?}", start.elapsed());
+    assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
     assert!(service.last_heard(2).contains(&force([0.0; 3])));
 }
 

@@ -335,7 +335,8 @@ fn a_slow_scheduler() {
         device.read(0.0).unwrap();
         device.write(&push([0.0; 3])).unwrap();
     }
-    assert!(start.elapsed() < Duration::from_millis(500), "{:?}", start.elapsed());
+    // Had each of them waited for the scheduler, it would have been for 60 s.
+    assert!(start.elapsed() < Duration::from_secs(10), "{:?}", start.elapsed());
 }
 
 #[test]
