@@ -284,6 +284,7 @@ impl Body {
                 own,
                 steps,
                 jobs,
+                places_of: None,
                 kept: None,
             };
             crate::from_spec::validate(py, &self.shared, &spec, &against, progress)

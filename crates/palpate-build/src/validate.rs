@@ -88,7 +88,7 @@ pub struct Trial {
     pub drag_depths_m: Vec<f64>,
     /// The coefficient of friction over depth, m, with which paths are simulated; none without friction.
     pub friction: Vec<(f64, f64)>,
-    /// For each node of the body, whether the tool can come there.
+    /// For each node of the body that places are chosen on, whether the tool can come there.
     pub touchable: Vec<bool>,
 }
 
@@ -542,10 +542,25 @@ pub fn validate(
     simulator: &dyn Simulator,
     progress: &(dyn Fn() + Sync),
 ) -> Result<Validation> {
+    validate_at_places_of(body, body, trial, simulator, progress)
+}
+
+/// The same at places that are chosen on `other`, a body of the same surface, to which the trial belongs: two bodies are so tried on the same
+/// paths.
+///
+/// # Errors
+/// The same.
+pub fn validate_at_places_of(
+    other: &Body,
+    body: &Body,
+    trial: &Trial,
+    simulator: &dyn Simulator,
+    progress: &(dyn Fn() + Sync),
+) -> Result<Validation> {
     if trial.paths == 0 || trial.steps == 0 {
         bail!("there is no path to try; give --paths 1 or more, and --steps 1 or more");
     }
-    let ground = Ground::new(body, &trial.touchable, trial.at_test_points)?;
+    let ground = Ground::new(other, &trial.touchable, trial.at_test_points)?.of(body);
     let variants = variants(body, trial)?;
     let boundary = simulator.surface();
     let plain = body.clone().with_displacement_fields(None)?;

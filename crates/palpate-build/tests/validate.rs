@@ -3,12 +3,12 @@
 use glam::DVec3;
 use palpate_body::shape::{Resolution, Shape};
 use palpate_body::{
-    Body, BodyParts, ContactState, CoupledLaw, Curve, Deformer, Extension, Interpolation, Potential,
-    PotentialErrors, Provenance, Response, SlipRule, SurfacePoint, Tool, tensor,
+    Body, BodyParts, ContactState, CoupledLaw, Curve, Deformer, Extension, Fineness, Interpolation,
+    Potential, PotentialErrors, Provenance, Response, SlipRule, SurfacePoint, Tool, tensor,
 };
 use palpate_build::validate::{
     Errors, History, Kept, Measure, Phase, SimulatedSurface, Simulator, Source, Trial, Validation,
-    held_force, sticking, validate,
+    held_force, sticking, validate, validate_at_places_of,
 };
 use palpate_engine::{Ablation, Contact, Flags, Output, ToolState, Waypoint, rollout};
 use palpate_identify::{Amount, spread, test_points};
@@ -438,6 +438,29 @@ fn paths_at_test_points_begin_there() {
     element.nodes.iter().for_each(|&n| between.touchable[n as usize] = true);
     let error = validate(&body, &between, &simulated, &|| ()).map(|_| ()).unwrap_err();
     assert!(error.to_string().contains("no test point can be touched"));
+}
+
+/// Two bodies of one surface are compared on the same paths, though their nodes and test points are not the same.
+#[test]
+fn a_body_is_tried_on_the_paths_of_another() {
+    let body = coupled(0.0);
+    let finer = body.refined(Fineness::edge(4e-3)).unwrap().body;
+    assert!(finer.elements().len() > body.elements().len());
+    let trial = trial(&body, History::Coulomb, 12);
+    let own = validate(&body, &trial, &Engine::of(&body), &|| ()).unwrap();
+    let lent = validate_at_places_of(&body, &finer, &trial, &Engine::of(&body), &|| ()).unwrap();
+    for (one, other) in own.paths.iter().zip(&lent.paths) {
+        assert_eq!((one.point_m, one.inward, one.depth_m), (other.point_m, other.inward, other.depth_m));
+        assert_eq!(one.states[3].simulated_n, other.states[3].simulated_n);
+    }
+    assert!(own.summary.normal.of_largest.p95 < 1.0, "{:?}", own.summary);
+    // The finer body is rounder, and else alike.
+    let [normal, lateral] = [lent.summary.normal, lent.summary.lateral].map(|e| e.of_largest.median);
+    assert!(normal < 5.0 && lateral < 5.0, "{normal} {lateral}");
+    // Its own places are others.
+    let touchable = finer.nodes().iter().map(|n| n.position.z > -10e-3).collect();
+    let elsewhere = validate(&finer, &Trial { touchable, ..trial }, &Engine::of(&finer), &|| ()).unwrap();
+    assert!(elsewhere.paths.iter().zip(&own.paths).all(|(a, b)| a.point_m != b.point_m));
 }
 
 /// Nodes may have potentials that were made from test points' around: they are no place that was simulated.

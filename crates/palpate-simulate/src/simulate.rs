@@ -447,6 +447,8 @@ impl<'m, 't> LoadStepper<'m, 't> {
         if let Some((before, target)) = last {
             self.check(&mut paths.press, &before, &target, cancelled)?;
         }
+        // Of a frictionless press too the drags stick, each from the press on.
+        let pressed_with = self.friction;
         // Drags from the same state begin with the same factor.
         let mut shared: Option<(usize, NearField)> = None;
         for drag in &plan.drags {
@@ -456,7 +458,7 @@ impl<'m, 't> LoadStepper<'m, 't> {
                 continue;
             };
             self.restore(snapshot);
-            if self.friction == Friction::None {
+            if pressed_with == Friction::None {
                 self.restick();
             }
             match &shared {

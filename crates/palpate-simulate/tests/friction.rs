@@ -75,6 +75,23 @@ fn stuck_stiffness_is_mindlins() {
     assert!((found / expected - 1.0).abs() < 0.015, "{found} against {expected}");
 }
 
+/// Of a frictionless press the drags stick, the second no less than the first: all that touches is pulled along from the first load step on.
+#[test]
+fn equal_drags_after_a_frictionless_press_are_equal() {
+    let model = half_space(POISSON);
+    let way = |direction| Drag { from: 1, direction, distances: vec![0.02 * DEPTH_M, 0.1 * DEPTH_M] };
+    let drags = vec![way(DVec3::X), way(DVec3::X), way(DVec3::NEG_X)];
+    let paths = pressed(&model, Contact::Frictionless, &depths(2), drags);
+    let forces = |i: usize| -> Vec<DVec3> { paths.drags[i].states.iter().map(|s| s.force_n).collect() };
+    for (once, again) in forces(0).into_iter().zip(forces(1)) {
+        assert!(once.x > 1e-6 && (once.x - again.x).abs() < 1e-3 * once.x, "{once} {again}");
+        assert!(once.distance(again) < 1e-4 * once.length(), "{once} {again}");
+    }
+    for (there, back) in forces(0).into_iter().zip(forces(2)) {
+        assert!((there.x + back.x).abs() < 1e-2 * there.x, "{there} {back}");
+    }
+}
+
 /// The tangent is the derivative of the force: a drag of a hundredth of the depth finds the same, in all its components, and it is
 /// symmetric (Betti), though the two drags share nothing with it but the pressed state.
 #[test]

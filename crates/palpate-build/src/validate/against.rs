@@ -1,6 +1,8 @@
 //! A body against the spec that it was made from.
 
-use super::{History, Kept, SimulatedSurface, Simulator, Trial, Validation, touchable, validate};
+use super::{
+    History, Kept, SimulatedSurface, Simulator, Trial, Validation, touchable, validate_at_places_of,
+};
 use crate::Progress;
 use crate::precompute::Prepared;
 use crate::precompute::assemble::friction;
@@ -16,7 +18,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Which paths are tried, and how.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Against {
     /// What is simulated and rendered.
     pub history: History,
@@ -32,6 +34,8 @@ pub struct Against {
     pub steps: Option<u32>,
     /// How many are simulated at a time.
     pub jobs: usize,
+    /// A body whose places are tried, if not those of the body that is judged.
+    pub places_of: Option<Body>,
     /// A file of simulated paths, which are then not simulated again, if there is to be one: see [`Kept`].
     pub kept: Option<PathBuf>,
 }
@@ -80,6 +84,7 @@ pub fn validate_against(
     let model = solver.model();
     let boundary = &model.boundary().nodes;
     let held = boundary.iter().map(|&n| (model.mesh().positions[n as usize], model.is_held(n)));
+    let places_of = asked.places_of.as_ref().unwrap_or(body);
     let trial = Trial {
         history: asked.history,
         paths: asked.paths,
@@ -90,7 +95,7 @@ pub fn validate_against(
         steps: asked.steps.unwrap_or(simulation.deflection.steps),
         drag_depths_m: simulation.drag_from.iter().map(|&i| simulation.depths_m[i]).collect(),
         friction: friction(simulation),
-        touchable: touchable(body, held, margin(simulation)?)?,
+        touchable: touchable(places_of, held, margin(simulation)?)?,
     };
     let bonded = match simulation.contact {
         spec::Contact::Bonded { patch_radius_m } => Some(Contact::Bonded { patch_radius_m }),
@@ -106,7 +111,8 @@ pub fn validate_against(
     progress.begin(trial.paths, 0);
     let kept = asked.kept.as_ref().map(|file| Kept::open(&simulator, file, spec, simulation)).transpose()?;
     let source: &dyn Simulator = kept.as_ref().map_or(&simulator, |kept| kept);
-    let result = pool.install(|| validate(body, &trial, source, &|| progress.done(1)));
+    let done = || progress.done(1);
+    let result = pool.install(|| validate_at_places_of(places_of, body, &trial, source, &done));
     progress.end();
     if let Some(Err(e)) = kept.map(Kept::finish) {
         progress.note(&format!("{}; its paths will be simulated again", files::message(&e)));

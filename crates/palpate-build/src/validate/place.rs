@@ -44,6 +44,8 @@ pub struct Place {
 /// Elements that can be touched, with the sum of areas up to each.
 pub struct Ground<'a> {
     body: &'a Body,
+    /// The body that is tried, if places are chosen on another.
+    tried: Option<&'a Body>,
     elements: Vec<(u32, f64)>,
     area: f64,
     /// Nearer to a test point than this is no held-out point, m.
@@ -83,7 +85,13 @@ impl<'a> Ground<'a> {
         let test_points: Vec<DVec3> =
             nodes.iter().filter_map(|&n| Some(body.nodes().get(n as usize)?.position)).collect();
         let apart = 0.15 * (area / test_points.len() as f64).sqrt();
-        Ok(Ground { body, elements, area, apart, test_points, chosen })
+        Ok(Ground { body, tried: None, elements, area, apart, test_points, chosen })
+    }
+
+    /// The same places for another body of the same surface.
+    pub fn of(self, tried: &'a Body) -> Self {
+        let tried = Some(tried).filter(|tried| !std::ptr::eq(*tried, self.body));
+        Ground { tried, ..self }
     }
 
     /// Uniform over the area, or over the test points.
@@ -113,7 +121,9 @@ impl<'a> Ground<'a> {
     fn at(&self, at: SurfacePoint) -> Place {
         let nodes = self.body.element_nodes(at.element);
         let u: DVec3 = (0..3).map(|j| nodes[j].inward * at.n[j]).sum();
-        Place { at, point: self.body.point(at), inward: u.normalize() }
+        let point = self.body.point(at);
+        let there = self.tried.and_then(|tried| tried.nearest(point, f64::INFINITY));
+        Place { at: there.map_or(at, |found| found.at), point, inward: u.normalize() }
     }
 }
 

@@ -71,6 +71,10 @@ pub struct Args {
     /// interpolation take
     #[arg(long)]
     own: bool,
+    /// Try the paths that this body, made from the same spec but for [test_points] and [fit], would be tried on: two bodies are then
+    /// compared by the same paths
+    #[arg(long, value_name = "BODY")]
+    paths_of: Option<PathBuf>,
     /// States of a press to the greatest depth; no load step is longer [default: the spec's steps]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
     steps: Option<u32>,
@@ -90,8 +94,8 @@ pub struct Args {
 const SIMULATED: &str = "simulated.jsonl";
 
 impl Args {
-    fn against(&self) -> Against {
-        Against {
+    fn against(&self) -> Result<Against, Failure> {
+        Ok(Against {
             history: self.history.history(),
             paths: self.paths as usize,
             seed: self.seed,
@@ -99,8 +103,9 @@ impl Args {
             own: self.own,
             steps: self.steps,
             jobs: self.jobs.map_or_else(cores, |n| n as usize),
+            places_of: self.paths_of.as_deref().map(Body::open).transpose()?,
             kept: self.output.as_ref().map(|folder| folder.join(SIMULATED)),
-        }
+        })
     }
 }
 
@@ -112,13 +117,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let body = Body::open(&args.body)?;
     let spec = Spec::read(&args.spec)?;
     let simulation = spec.simulation(&args.spec)?;
-    let against = args.against();
+    let against = args.against()?;
     against.check(&simulation, &args.spec)?;
     let names = ["validate.md", "validate.png", "states.csv", SIMULATED];
     let outputs: Vec<PathBuf> =
         args.output.iter().flat_map(|folder| names.map(|name| folder.join(name))).collect();
     let mut inputs = inputs_of(&spec, &simulation);
     inputs.extend([args.body.clone(), args.spec.clone()]);
+    inputs.extend(args.paths_of.clone());
     let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
     files::refuse_overwrite(&outputs, &inputs)?;
     if let Some(folder) = &args.output {
