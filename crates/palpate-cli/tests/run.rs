@@ -508,7 +508,8 @@ fn a_signal_ends_the_preparation() {
 fn child() {
     let Some(folder) = std::env::var_os("PALPATE_TEST_RUN") else { return };
     let options = Options { resume: true, ..options(Path::new(&folder)) };
-    let ready = || Ok(prepared(Duration::from_millis(8)));
+    let pause = std::env::var("PALPATE_TEST_PAUSE_MS").unwrap().parse().unwrap();
+    let ready = || Ok(prepared(Duration::from_millis(pause)));
     match run::run(&plan(), &options, ready, &(), &AtomicBool::new(false)) {
         Ok((_, workspace)) => workspace.finish(&()).unwrap(),
         Err(Stopped::Error(e)) => {
@@ -519,11 +520,12 @@ fn child() {
     }
 }
 
-fn start(folder: &Path, shell: &str) -> Child {
+fn start(folder: &Path, shell: &str, pause_ms: u32) -> Child {
     let exe = std::env::current_exe().unwrap();
     Command::new("sh")
         .args(["-c", &format!("{shell} exec \"$0\" child --exact --nocapture"), exe.to_str().unwrap()])
         .env("PALPATE_TEST_RUN", folder)
+        .env("PALPATE_TEST_PAUSE_MS", pause_ms.to_string())
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .spawn()
@@ -539,7 +541,8 @@ fn a_killed_run_goes_on() {
     let mut random = 12345_u64;
     let (mut kills, mut most) = (0, 0);
     loop {
-        let mut child = start(directory.path(), "");
+        // The first ones would take longer than any machine is late with the kill.
+        let mut child = start(directory.path(), "", if kills < 3 { 1000 } else { 8 });
         random = random.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
         // Ever later, so that it ends.
         std::thread::sleep(Duration::from_millis(5 + (random >> 33) % 60 + 4 * kills));
@@ -573,7 +576,7 @@ fn without_room_points_are_kept() {
     let point = expected.0.len() / POINTS / 512;
     // The first is too little for a point that has states, the second for the whole.
     for (blocks, all) in [(point / 4, false), (4 * point, true)] {
-        let output = start(directory.path(), &format!("trap '' XFSZ; ulimit -f {blocks};"))
+        let output = start(directory.path(), &format!("trap '' XFSZ; ulimit -f {blocks};"), 8)
             .wait_with_output()
             .unwrap();
         let complaint = String::from_utf8(output.stderr).unwrap();

@@ -7,11 +7,13 @@
 //! and the lateral force of a press changes, in parts of the normal one, as that of the body at rest does. Powers and part are
 //! those that fit the test points best.
 
-use crate::coupled::{Local, carried_to};
+use crate::coupled::{CARRIED, Local, carried_to};
 use crate::error::FitError;
 use crate::paths::prior_power;
+use crate::potential::UP_TO_STIFFNESS;
 use crate::spread::{neighbours, place, spread_everywhere};
 use glam::{DMat3, DQuat, DVec3};
+use palpate_body::law::QUANTITIES;
 use palpate_body::{BlendWeights, CountErrors, Curve, InterpolationErrors, LeftOut, Potential, Surface};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -260,10 +262,17 @@ impl<'a> Simulated<'a> {
             }
             Normalisation::Compliance => self.with_compliance(at, &parts),
         };
-        match made.filter(|potential| potential.validate(u, self.range_m).is_ok()) {
-            Some(potential) => Ok(potential),
-            None => blended(&parts, |_| 1.0),
+        if let Some(potential) = made.filter(|potential| potential.validate(u, self.range_m).is_ok()) {
+            return Ok(potential);
         }
+        // A blend of laws that grow grows, but the check of it is a bound.
+        if let Some(potential) = growing(&blended(&parts, |_| 1.0)?, u, self.range_m)? {
+            return Ok(potential);
+        }
+        let nearest = parts.iter().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))).map_or(0, |p| p.0);
+        let own = &self.potentials[nearest];
+        let turn = DQuat::from_rotation_arc(self.locals[nearest].record.inward.normalize(), u.normalize());
+        Ok(Potential { tangents: own.tangents.map(|t| turn * t), ..own.clone() })
     }
 
     /// What each of `places` errs by when it is predicted from all others of the first `count`, %.
@@ -566,6 +575,21 @@ fn quantiles(values: &mut [f64]) -> [f64; 2] {
     [0.5, 0.95].map(|part| values.get((part * last as f64).round() as usize).copied().unwrap_or(0.0))
 }
 
+/// A potential with as much of its terms of third and fourth order as lateral forces still grow with; none if they don't without.
+fn growing(potential: &Potential, inward: DVec3, range_m: f64) -> Result<Option<Potential>, FitError> {
+    for share in CARRIED {
+        let mut curves = potential.curves().map(Clone::clone);
+        for curve in &mut curves[UP_TO_STIFFNESS..QUANTITIES - 1] {
+            *curve = Curve::blend(&[(share, &*curve)])?;
+        }
+        let potential = Potential::from_curves(potential.tangents, curves);
+        if potential.validate(inward, range_m).is_ok() {
+            return Ok(Some(potential));
+        }
+    }
+    Ok(None)
+}
+
 /// Σ w s Wⱼ.
 fn blended(parts: &[(usize, f64, Potential)], scale: impl Fn(usize) -> f64) -> Result<Potential, FitError> {
     let (first, tangents) = match parts {
@@ -588,4 +612,37 @@ fn blended(parts: &[(usize, f64, Potential)], scale: impl Fn(usize) -> f64) -> R
     let frictions: Vec<(f64, &Curve)> = parts.iter().map(|(_, w, p)| (*w, &p.friction)).collect();
     made[friction] = Curve::blend(&frictions)?;
     Ok(Potential::from_curves(tangents, made))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_body::Extension;
+
+    /// Of a law whose lateral force falls on the far side, half of the terms that make it fall are left.
+    #[test]
+    fn a_law_keeps_as_much_of_its_higher_terms_as_grows() {
+        let knots = [0.0, 2e-3, 4e-3];
+        let curve = |values: [f64; 3], slopes: [f64; 3], extension| {
+            Curve::hermite(&knots, &values, &slopes, extension).unwrap()
+        };
+        let level = |value: f64| curve([value; 3], [0.0; 3], Extension::Constant);
+        let law = |stiffness: f64, cubic: f64| Potential {
+            tangents: [DVec3::X, DVec3::Y],
+            press: curve([0.0, 1e-4, 4e-4], [0.0, 0.1, 0.2], Extension::Quadratic),
+            offset: [level(0.0), level(0.0)],
+            stiffness: [level(stiffness), level(0.0), level(stiffness)],
+            cubic: [level(cubic), level(0.0), level(0.0), level(0.0)],
+            quartic: level(0.0),
+            friction: level(0.3),
+        };
+        let kept = |law: Potential| growing(&law, DVec3::Z, 4e-3).unwrap();
+        // Along t₁ the slope is K + 6 r C: here from −44 to 244 N/m.
+        let found = kept(law(100.0, 6e3)).unwrap();
+        assert_eq!(found.cubic[0].value(1e-3), 3e3);
+        assert_eq!(found.stiffness, law(100.0, 6e3).stiffness);
+        assert_eq!(kept(law(100.0, 3e3)), Some(law(100.0, 3e3)));
+        assert_eq!(kept(law(100.0, 1e6)).unwrap().cubic[0].value(1e-3), 0.0);
+        assert_eq!(kept(law(-100.0, 0.0)), None);
+    }
 }

@@ -78,7 +78,7 @@ const SELDOM: [f64; 2] = [0.5, 0.1];
 /// Errors are in parts of a state's force, and of this part of the largest.
 const FLOOR: f64 = 0.05;
 /// How much of the terms of third and fourth order is carried over, the first of these with which lateral forces still grow.
-const CARRIED: [f64; 4] = [1.0, 0.5, 0.25, 0.0];
+pub(crate) const CARRIED: [f64; 4] = [1.0, 0.5, 0.25, 0.0];
 
 /// A record in its own frame.
 pub(crate) struct Local<'a> {

@@ -163,10 +163,6 @@ pub fn prepare(
     };
     go_on("the stiffness's factorisation")?;
     let radius_m = super::volume::tool_radius(simulation)?;
-    let compliance = rest_compliance(solver.model(), &surface, named, radius_m, cancelled);
-    let compliance_prior = compliance_prior(&surface, &compliance);
-    go_on("the search for the stiffness at rest")?;
-    let open = touchable(&surface, &held, margin(simulation)?)?;
     let (points, drags) = match &simulation.test_points {
         TestPoints::Affordable => {
             let [count, drags] = affordable(solver.model().press_estimate_s(), simulation.drag_points);
@@ -174,6 +170,28 @@ pub fn prepare(
         }
         points => (points.clone(), simulation.drag_points),
     };
+    let margin_m = margin(simulation)?;
+    let mut ground = Ground { triangles, open: touchable(&surface, &held, margin_m)?, surface, held };
+    if let TestPoints::Count(count) | TestPoints::Adaptive { most: count, .. } = points {
+        let before = ground.vertices();
+        let supported = |p| {
+            let mut places = simulation.fixed.iter().map(|support| &support.selection);
+            places.any(|of| matches!(of, Selection::Place(place) if place.contains(p, tolerance_m)))
+        };
+        while ground.vertices() < count as usize && ground.edge_m() > NEEDLESS * radius_m {
+            ground = ground.divided(spec, path, margin_m, supported)?;
+        }
+        if ground.vertices() > before {
+            notes.push(format!(
+                "there are more test points than nodes that can be touched: triangles are divided by their edges' middles, {before} nodes become {}",
+                ground.vertices()
+            ));
+        }
+    }
+    let Ground { triangles, surface, held, open } = ground;
+    let compliance = rest_compliance(solver.model(), &surface, named, radius_m, cancelled);
+    let compliance_prior = compliance_prior(&surface, &compliance);
+    go_on("the search for the stiffness at rest")?;
     let nodes = choose(&points, &surface, &held, &open, &compliance_prior, path, &mut notes)?;
     let dragged = spread_among(&surface, &open, &nodes, drags, Some(&compliance_prior))?;
     let points = nodes.into_iter().map(|node| TestPoint {
@@ -396,6 +414,74 @@ fn smooth_boundary(
     })
 }
 
+/// In parts of the tool's radius: test points nearer to each other than that are told the same.
+const NEEDLESS: f64 = 0.3;
+
+/// What is touched.
+struct Ground {
+    triangles: TriangleMesh,
+    surface: Surface,
+    /// The nodes that are.
+    held: Vec<bool>,
+    /// Those that the tool can come to.
+    open: Vec<bool>,
+}
+
+impl Ground {
+    /// That can be touched.
+    fn vertices(&self) -> usize {
+        one_for_each_vertex(&self.surface, &self.open).len()
+    }
+
+    /// The mean edge of triangles that can be touched, m; 0 if there are none.
+    fn edge_m(&self) -> f64 {
+        let open = self.triangles.triangles.iter().filter(|t| t.iter().all(|&n| self.open[n as usize]));
+        let at = |n: u32| self.triangles.positions[n as usize];
+        let lengths =
+            open.map(|&[a, b, c]| at(a).distance(at(b)) + at(b).distance(at(c)) + at(c).distance(at(a)));
+        let (sum, count) = lengths.fold((0.0, 0.0f64), |(sum, count), length| (sum + length, count + 3.0));
+        sum / count.max(1.0)
+    }
+
+    /// Each triangle as four, with nodes in the middles of edges on the smooth surface after the others. Those are held that lie between two
+    /// that are, or where a support is.
+    fn divided(
+        self,
+        spec: &Spec,
+        path: &Path,
+        margin_m: f64,
+        supported: impl Fn(DVec3) -> bool,
+    ) -> Result<Self> {
+        let Ground { triangles: TriangleMesh { mut positions, triangles }, surface, mut held, .. } = self;
+        // A vertex's first node has its number.
+        held.truncate(positions.len());
+        let (mut middles, mut at) = (HashMap::new(), Vec::new());
+        let mut finer = Vec::with_capacity(4 * triangles.len());
+        for (element, [a, b, c]) in (0..).zip(triangles) {
+            let edges = [([b, c], [0.0, 0.5, 0.5]), ([c, a], [0.5, 0.0, 0.5]), ([a, b], [0.5, 0.5, 0.0])];
+            let [bc, ca, ab] = edges.map(|([p, q], n)| {
+                *middles.entry([p.min(q), p.max(q)]).or_insert_with(|| {
+                    at.push(SurfacePoint { element, n });
+                    held.push(held[p as usize] && held[q as usize]);
+                    held.len() as u32 - 1
+                })
+            });
+            finer.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+        }
+        positions.extend(surface.smooth_points(&at));
+        let between = positions.len() - at.len()..;
+        held[between.clone()]
+            .iter_mut()
+            .zip(&positions[between])
+            .for_each(|(held, p)| *held |= supported(*p));
+        let triangles = TriangleMesh { positions, triangles: finer };
+        let surface = assemble::surface(spec, &triangles).map_err(|e| e.in_file(path))?;
+        let held: Vec<bool> = surface.vertices().iter().map(|&v| held[v as usize]).collect();
+        let open = touchable(&surface, &held, margin_m)?;
+        Ok(Ground { triangles, surface, held, open })
+    }
+}
+
 /// Marks the nodes of a surface of its own that a support holds.
 fn hold_surface(support: &Fixed, surface: &Surface, tolerance_m: f64, held: &mut [bool]) -> Result<()> {
     match &support.selection {
@@ -560,10 +646,10 @@ fn one_for_each_vertex(surface: &Surface, touchable: &[bool]) -> Vec<u32> {
     nodes
 }
 
-/// How many test points half an hour on two cores is about enough for, and how many of these are dragged, if a press takes so long (s):
+/// How many test points three quarters of an hour on two cores are about enough for, and how many of these are dragged, if a press takes so long (s):
 /// a third of the time goes to drags, at `most` of them. Not fewer points than a decoupled law has.
 fn affordable(press_s: f64, most: usize) -> [usize; 2] {
-    const CORE_S: f64 = 3600.0;
+    const CORE_S: f64 = 5400.0;
     /// What the drags from a pressed point take, in presses.
     const DRAGS: f64 = 9.0;
     /// Terms of third and fourth order want to be known at a few.
@@ -735,5 +821,87 @@ mod tests {
         let there = mesh.positions.clone();
         smooth_boundary(&mut mesh, &boundary, &triangles, &surface, &fixed);
         assert_eq!(mesh.positions, there);
+    }
+
+    fn spec(text: &str) -> (Spec, Simulation) {
+        let path = Path::new("ball.toml");
+        let spec = Spec::parse(path, text.into()).unwrap();
+        let simulation = spec.simulation(path).unwrap();
+        (spec, simulation)
+    }
+
+    /// More test points than nodes lie between them, on the round surface, and nowhere on what is held.
+    #[test]
+    fn test_points_beyond_the_nodes_lie_between_them() {
+        let text = |count: usize| {
+            format!(
+                "body.shape = {{ kind = \"sphere\", radius_mm = 30, edge_length_mm = 16 }}\n\
+                 [[body.fixed]]\nhalf_space = {{ point_mm = [0, 0, -15], normal = [0, 0, -1] }}\n\
+                 [material]\nmodel = \"neo-hookean\"\nyoung_modulus_pa = 10e3\npoisson_ratio = 0.45\n\
+                 [tool]\nshape = \"sphere\"\nradius_mm = 6\n\
+                 [deflection]\nnormal_max_mm = 3\nlateral_max_mm = 2\nsteps = 3\n\
+                 [test_points]\ncount = {count}\n[mesh]\nelement_size_mm = 12\n"
+            )
+        };
+        let prepared = |count: usize| {
+            let (spec, simulation) = spec(&text(count));
+            prepare(&spec, &simulation, Path::new("ball.toml"), &AtomicBool::new(false)).unwrap()
+        };
+        let (few, many) = (prepared(6), prepared(90));
+        let [coarse, fine] = [&few.scene.surface, &many.scene.surface];
+        assert_eq!((few.points.len(), many.points.len()), (6, 90));
+        assert_eq!(fine.triangles.len(), 4 * coarse.triangles.len());
+        assert_eq!(fine.positions.len(), coarse.positions.len() + coarse.triangles.len() * 3 / 2);
+        assert_eq!(fine.positions[..coarse.positions.len()], coarse.positions[..]);
+        assert!(
+            many.scene.notes.iter().any(|n| n.contains("divided"))
+                && few.scene.notes.iter().all(|n| !n.contains("divided"))
+        );
+        for p in &fine.positions {
+            // An edge's middle is 1 mm inside.
+            assert!((p.length() - 30e-3).abs() < 0.2e-3, "{p}");
+        }
+        let mut nodes: Vec<u32> = many.points.iter().map(|p| p.node).collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        assert_eq!(nodes.len(), 90);
+        assert!(nodes.iter().any(|&n| n as usize >= coarse.positions.len()));
+        for point in &many.points {
+            assert_eq!(point.plan.point, fine.positions[point.node as usize]);
+            assert!(point.plan.point.z > -15e-3 + 5e-3, "{}", point.plan.point);
+        }
+    }
+
+    /// Where a crease passes through a vertex it has nodes on both sides, and all of them are held or none.
+    #[test]
+    fn creases_and_supports_are_divided_too() {
+        let (spec, _) = spec(
+            "[body]\ncrease_angle_deg = 40\nshape = { kind = \"block\", size_mm = [20, 20, 20], edge_length_mm = 10 }\n\
+             [[body.fixed]]\nhalf_space = { point_mm = [0, 0, -10], normal = [0, 0, -1] }\n\
+             [material]\nmodel = \"neo-hookean\"\nyoung_modulus_pa = 10e3\npoisson_ratio = 0.45\n\
+             [tool]\nshape = \"sphere\"\nradius_mm = 6\n[deflection]\nnormal_max_mm = 3\nlateral_max_mm = 2\nsteps = 3\n",
+        );
+        let triangles = match &spec.geometry {
+            Some(Geometry::Shape(shape, resolution)) => shape.mesh(*resolution).unwrap(),
+            _ => unreachable!(),
+        };
+        let surface = assemble::surface(&spec, &triangles).unwrap();
+        assert!(surface.positions().len() > triangles.positions.len());
+        let is_held = |p: &DVec3| p.z < -10e-3 + 1e-9;
+        let held: Vec<bool> = surface.positions().iter().map(is_held).collect();
+        let count = triangles.triangles.len();
+        let open = touchable(&surface, &held, 1e-3).unwrap();
+        let before = Ground { triangles, surface, held, open };
+        let (edge, vertices) = (before.edge_m(), before.vertices());
+        let after = before.divided(&spec, Path::new("block.toml"), 1e-3, |_| false).unwrap();
+        assert_eq!(after.triangles.triangles.len(), 4 * count);
+        assert!(after.vertices() > 3 * vertices, "{} {vertices}", after.vertices());
+        assert!((after.edge_m() / edge - 0.5).abs() < 0.02, "{} {edge}", after.edge_m());
+        assert_eq!(after.held.len(), after.surface.positions().len());
+        for ((p, held), open) in after.surface.positions().iter().zip(&after.held).zip(&after.open) {
+            assert_eq!(*held, is_held(p), "{p}");
+            assert!(p.abs().max_element() < 10e-3 + 1e-9, "flat faces stay flat: {p}");
+            assert!(*open == (p.z > -9e-3 + 1e-9) || p.z < -9e-3 + 1e-6, "{p}");
+        }
     }
 }

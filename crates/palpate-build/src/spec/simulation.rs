@@ -122,7 +122,7 @@ impl Place {
 /// Where a body is touched.
 #[derive(Debug, Clone, PartialEq)]
 pub enum TestPoints {
-    /// As many as about half an hour on two cores has time for.
+    /// As many as about three quarters of an hour on two cores have time for.
     Affordable,
     /// So many, spread evenly.
     Count(u32),
