@@ -602,7 +602,6 @@ fn no_damage_gets_in() {
     let mut random = Random(0x9E37_79B9_7F4A_7C15);
     let mut accepted = 0;
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.body");
     for round in 0..100_000 {
         let mut bytes = originals[round % originals.len()].clone();
         for _ in 0..1 + random.below(3) {
@@ -612,7 +611,8 @@ fn no_damage_gets_in() {
         }
         let body = Body::from_bytes(&bytes);
         if round % 23 < 4 {
-            // Nor where the body stays in its file.
+            // Nor where the body stays in its file: a new one each time, since systems put what replaces a file on the disk at once.
+            let path = folder.path().join(format!("{round}.body"));
             std::fs::write(&path, &bytes).unwrap();
             match (&body, StoredBody::open(&path, Some(SlipRule::Paper))) {
                 (Ok(body), Ok(stored)) => {
@@ -625,6 +625,7 @@ fn no_damage_gets_in() {
                 (_, Err(e)) => assert!(e.to_string().contains("aligned"), "round {round}: {e}"),
                 (Err(e), _) => panic!("round {round}: {e}"),
             }
+            std::fs::remove_file(&path).unwrap();
         }
         if let Ok(body) = body {
             accepted += 1;
@@ -640,11 +641,11 @@ fn no_damage_gets_in() {
 #[test]
 fn damage_while_it_is_in_use_is_an_error_or_another_patch() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.body");
     let mut random = Random(0x2545_F491_4F6C_DD1D);
     let (mut refused, mut taken) = (0, 0);
     for (round, body) in (0..4000).zip(bodies().iter().cycle()) {
         let sound = body.to_bytes().unwrap();
+        let path = folder.path().join(format!("{round}-x.body"));
         std::fs::write(&path, &sound).unwrap();
         let stored = StoredBody::open(&path, Some(SlipRule::Consistent)).unwrap();
         let mut patch = stored.patch();
@@ -667,6 +668,7 @@ fn damage_while_it_is_in_use_is_an_error_or_another_patch() {
                 assert!(e.to_string().contains("x.body"), "round {round}: {e}");
             }
         }
+        std::fs::remove_file(&path).unwrap();
     }
     assert!(refused > 200 && taken > 200, "{refused} {taken}");
 }

@@ -202,8 +202,8 @@ fn paths_tell_what_halving_their_load_steps_changes() {
         let gap = std::iter::repeat_n(DVec3::Z * (0.1 * DEPTH_M), outside);
         let press = depths(3).into_iter().map(|depth| DVec3::NEG_Z * depth);
         let turns = [0.5, 1.0, 1.5, 1.0, 0.5, 0.0, -0.5, -1.0];
-        let drag = turns.map(|x| DVec3::NEG_Z * DEPTH_M + DVec3::X * (0.2 * x * DEPTH_M));
-        led(&model, 0.2, &gap.chain(press).chain(drag).collect::<Vec<_>>())
+        let drag = turns.map(|x| DVec3::NEG_Z * DEPTH_M + DVec3::X * (0.1 * x * DEPTH_M));
+        led(&model, 0.1, &gap.chain(press).chain(drag).collect::<Vec<_>>())
     };
     let (one, other) = (way(0), way(3));
     println!("sliding: {:?} {:?}", one.halved, other.halved);
