@@ -782,7 +782,7 @@ fn kept_paths_are_not_simulated_again() {
     let file = folder.path().join("simulated.jsonl");
     let run = |spec: &str| {
         let engine = Counted(Engine::of(&body), AtomicUsize::new(0));
-        let kept = Kept::of(&engine, &file, spec, &[]).unwrap();
+        let kept = Kept::open(&engine, &file, spec, &[]).unwrap();
         let result = validate(&body, &trial, &kept, &|| {}).unwrap();
         kept.finish().unwrap();
         (result, engine.1.into_inner())

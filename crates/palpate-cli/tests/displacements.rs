@@ -3,6 +3,8 @@
 use palpate_body::{Body, ContactState, Deformer};
 use palpate_build::paths_file::PathsRecord;
 use palpate_build::precompute::assemble;
+use palpate_build::precompute::fields::displacement_fields;
+use palpate_build::spec::Spec;
 
 mod common;
 
@@ -52,6 +54,25 @@ fn a_simulated_body_deforms_as_it_was_simulated() {
         }
     }
     assert_eq!(compared, 12);
+
+    // Where room is short it has those of some places, spread over the surface, dragged ones first, and blends them.
+    let nodes: Vec<u32> = record.points.values().map(|p| p.test_point().node).collect();
+    let surface = assemble::surface(
+        &Spec::parse("ball.toml".as_ref(), record.plan.spec.clone()).unwrap(),
+        &scene.surface,
+    )
+    .unwrap();
+    let of = |most: usize| displacement_fields(&record, scene, &surface, &nodes, most).unwrap();
+    let (all, count) = of(usize::MAX);
+    let all = all.unwrap();
+    assert_eq!((all.press().places(), count), (6, 6));
+    let (some, count) = of(all.bytes() - 1);
+    let some = some.unwrap();
+    assert_eq!((some.press().places(), some.lateral().places(), count), (5, 5, 6));
+    assert!(
+        some.bytes() < all.bytes() && some.press().points().iter().all(|p| all.press().points().contains(p))
+    );
+    assert_eq!(of(all.bytes() / 10).0, None);
 
     // A spec may do without, and a record makes that body too.
     let mut without = record.clone();

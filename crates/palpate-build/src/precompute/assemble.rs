@@ -129,17 +129,16 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
     let mut fields = None;
     // Nor had bodies of records of version 1 fields.
     if spec.displacements.unwrap_or(record.plan.contact.is_some()) {
-        fields = displacement_fields(record, scene, &surface, &test_point_nodes)?;
-    }
-    if let Some(bytes) = fields.as_ref().map(DisplacementFields::bytes)
-        && bytes > MOST_BY_DEFAULT
-        && spec.displacements.is_none()
-    {
-        let megabytes = bytes / 1_000_000;
-        provenance.notes.push(format!(
-            "its displacement fields, {megabytes} MB, are left out; [body] displacements = true keeps them"
-        ));
-        fields = None;
+        let most = if spec.displacements.is_some() { usize::MAX } else { MOST_BY_DEFAULT };
+        let (found, all) = displacement_fields(record, scene, &surface, &test_point_nodes, most)?;
+        let kept = found.as_ref().map_or(0, |f| f.press().places());
+        if kept < all {
+            provenance.notes.push(format!(
+                "it has displacement fields of {kept} of {all} test points, as many as {} MiB hold; [body] displacements = true keeps all",
+                MOST_BY_DEFAULT >> 20
+            ));
+        }
+        fields = found;
     }
     let body = Body::new(BodyParts {
         surface,

@@ -6,6 +6,7 @@ use glam::DVec3;
 use palpate_body::{DisplacementFields, FieldSet, FieldSurface, PlaceField, Surface};
 use palpate_identify::spread_everywhere;
 use palpate_simulate::{Drag, Path, PointPaths};
+use std::collections::{BTreeMap, HashSet};
 
 /// Bodies keep their fields without being told to where they take no more than this, bytes.
 pub const MOST_BY_DEFAULT: usize = 32 << 20;
@@ -13,8 +14,8 @@ pub const MOST_BY_DEFAULT: usize = 32 << 20;
 /// a liver's field is off by 0.9 % of the depth near the tool (median, at 40 % of the greatest).
 const KEPT: [f64; 4] = [0.07, 0.2, 0.6, 1.0];
 
-/// The fields of a record for a body on `surface` whose test points sit on these nodes; none where nothing was pressed, or the
-/// record has no displacements.
+/// The fields of a record for a body on `surface` whose test points sit on these nodes, of as many test points as `most_bytes` hold, spread
+/// evenly; none where nothing was pressed, the record has no displacements, or they hold too few. And how many the record has.
 ///
 /// # Errors
 /// The record's displacements can't be read any more, or are none of its surface's.
@@ -23,47 +24,122 @@ pub fn displacement_fields(
     scene: &Scene,
     surface: &Surface,
     test_point_nodes: &[u32],
-) -> Result<Option<DisplacementFields>> {
+    most_bytes: usize,
+) -> Result<(Option<DisplacementFields>, usize)> {
+    /// Between fewer places a field is nobody's.
+    const LEAST: usize = 4;
     if scene.faces.is_empty() {
-        return Ok(None);
+        return Ok((None, 0));
     }
     let boundary = FieldSurface::new(scene.boundary_m.clone(), scene.faces.clone())?;
-    let (mut press, mut lateral) = (FieldSet::default(), FieldSet::default());
-    let (mut pressed, mut dragged) = (Vec::new(), Vec::new());
-    for point in record.points.values() {
-        let (place, paths) = (point.test_point(), point.paths_with_displacements()?);
-        let moved = |path: &Path| path.states.first().is_some_and(|s| !s.displacement_m.is_empty());
-        if !moved(&paths.press) {
-            continue;
-        }
-        let inward = place.plan.inward.normalize();
-        let along =
-            place.plan.drags.first().map_or(DVec3::ZERO, |d| d.direction.reject_from_normalized(inward));
-        let tangent = along.normalize_or(inward.any_orthonormal_vector());
-        let states = kept(&paths.press);
-        let states = states.map(|i| &paths.press.states[i]).map(|s| (s.depth_m, vec![&s.displacement_m[..]]));
-        let field = PlaceField { point: place.plan.point, inward, tangent, states: states.collect() };
-        press.push(&boundary, &field, false)?;
-        pressed.push(place.node);
-        let by_depth = lateral_fields(&paths, &place.plan.drags, [tangent, inward.cross(tangent)]);
-        if !by_depth.is_empty() {
-            let states = by_depth.iter().map(|(d, [a, b])| (*d, vec![&a[..], &b[..]])).collect();
-            lateral.push(&boundary, &PlaceField { states, ..field }, true)?;
-            dragged.push(place.node);
-        }
+    let found = Found::of(record, &boundary, |_| true)?;
+    let (sizes, count) = (found.sizes.clone(), found.sizes.len());
+    let Some(all) = found.fields(&boundary, surface, test_point_nodes)? else { return Ok((None, 0)) };
+    if all.bytes() <= most_bytes {
+        return Ok((Some(all), count));
     }
-    if pressed.is_empty() {
-        return Ok(None);
+    let shared = all.bytes() - sizes.values().sum::<usize>();
+    let chosen = chosen(record, &sizes, most_bytes.saturating_sub(shared));
+    if chosen.len() < LEAST {
+        return Ok((None, count));
     }
-    let blended = |set: FieldSet, nodes: &[u32]| -> Result<FieldSet> {
-        if nodes.is_empty() {
-            return Ok(set);
+    let some = Found::of(record, &boundary, |i| chosen.contains(&i))?;
+    Ok((some.fields(&boundary, surface, test_point_nodes)?, count))
+}
+
+/// Places' fields.
+#[derive(Default)]
+struct Found {
+    press: FieldSet,
+    lateral: FieldSet,
+    /// Nodes of the places that have them.
+    pressed: Vec<u32>,
+    dragged: Vec<u32>,
+    /// Bytes, of the record's points.
+    sizes: BTreeMap<u32, usize>,
+}
+
+impl Found {
+    /// Of the record's points that are `wanted`.
+    fn of(record: &PathsRecord, boundary: &FieldSurface, wanted: impl Fn(u32) -> bool) -> Result<Self> {
+        let mut found = Found::default();
+        for (&i, point) in record.points.iter().filter(|(i, _)| wanted(**i)) {
+            let (place, paths) = (point.test_point(), point.paths_with_displacements()?);
+            let moved = |path: &Path| path.states.first().is_some_and(|s| !s.displacement_m.is_empty());
+            if !moved(&paths.press) {
+                continue;
+            }
+            let before = found.bytes();
+            let inward = place.plan.inward.normalize();
+            let along =
+                place.plan.drags.first().map_or(DVec3::ZERO, |d| d.direction.reject_from_normalized(inward));
+            let tangent = along.normalize_or(inward.any_orthonormal_vector());
+            let states = kept(&paths.press).map(|i| &paths.press.states[i]);
+            let states = states.map(|s| (s.depth_m, vec![&s.displacement_m[..]]));
+            let field = PlaceField { point: place.plan.point, inward, tangent, states: states.collect() };
+            found.press.push(boundary, &field, false)?;
+            found.pressed.push(place.node);
+            let by_depth = lateral_fields(&paths, &place.plan.drags, [tangent, inward.cross(tangent)]);
+            if !by_depth.is_empty() {
+                let states = by_depth.iter().map(|(d, [a, b])| (*d, vec![&a[..], &b[..]])).collect();
+                found.lateral.push(boundary, &PlaceField { states, ..field }, true)?;
+                found.dragged.push(place.node);
+            }
+            found.sizes.insert(i, found.bytes() - before);
         }
-        let (blends, _) = spread_everywhere(surface, nodes)?;
-        Ok(set.with_blends(test_point_nodes.iter().map(|&n| blends[n as usize]).collect()))
-    };
-    let (press, lateral) = (blended(press, &pressed)?, blended(lateral, &dragged)?);
-    Ok(Some(DisplacementFields::new(boundary, press, lateral, test_point_nodes.len())?))
+        Ok(found)
+    }
+
+    fn bytes(&self) -> usize {
+        self.press.bytes() + self.lateral.bytes()
+    }
+
+    /// Blended for test points on these nodes; none without a place.
+    fn fields(
+        self,
+        boundary: &FieldSurface,
+        surface: &Surface,
+        test_point_nodes: &[u32],
+    ) -> Result<Option<DisplacementFields>> {
+        if self.pressed.is_empty() {
+            return Ok(None);
+        }
+        let blended = |set: FieldSet, nodes: &[u32]| -> Result<FieldSet> {
+            if nodes.is_empty() {
+                return Ok(set);
+            }
+            let (blends, _) = spread_everywhere(surface, nodes)?;
+            Ok(set.with_blends(test_point_nodes.iter().map(|&n| blends[n as usize]).collect()))
+        };
+        let (press, lateral) = (blended(self.press, &self.pressed)?, blended(self.lateral, &self.dragged)?);
+        Ok(Some(DisplacementFields::new(boundary.clone(), press, lateral, test_point_nodes.len())?))
+    }
+}
+
+/// As many of the points with these sizes as so many bytes hold: first those that were dragged, then the others, each the farthest from those
+/// before.
+fn chosen(record: &PathsRecord, sizes: &BTreeMap<u32, usize>, most_bytes: usize) -> HashSet<u32> {
+    let mut left: Vec<(u32, DVec3, bool, f64)> = sizes
+        .keys()
+        .map(|i| {
+            let plan = record.points[i].test_point().plan;
+            (*i, plan.point, !plan.drags.is_empty(), f64::INFINITY)
+        })
+        .collect();
+    let (mut chosen, mut room) = (HashSet::new(), most_bytes);
+    while !left.is_empty() {
+        let rank = |&(_, _, dragged, distance): &(u32, DVec3, bool, f64)| (dragged, distance);
+        let next = (0..left.len()).max_by(|&a, &b| {
+            let [a, b] = [a, b].map(|i| rank(&left[i]));
+            a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
+        });
+        let (i, at, ..) = left.swap_remove(next.unwrap_or(0));
+        let Some(rest) = room.checked_sub(sizes[&i]) else { break };
+        room = rest;
+        chosen.insert(i);
+        left.iter_mut().for_each(|(_, p, _, distance)| *distance = distance.min(p.distance(at)));
+    }
+    chosen
 }
 
 /// The states of a press that are kept, ascending.

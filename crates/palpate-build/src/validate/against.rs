@@ -7,7 +7,7 @@ use crate::Progress;
 use crate::precompute::Prepared;
 use crate::precompute::assemble::friction;
 use crate::precompute::elements::Elements;
-use crate::precompute::prepare::{margin, point_plan, prepare};
+use crate::precompute::prepare::{inputs_of, margin, point_plan, prepare};
 use crate::spec::{self, Simulation, Spec};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
@@ -109,7 +109,9 @@ pub fn validate_against(
         .build()
         .map_err(|e| anyhow!("{jobs} threads can't be started ({e}); give fewer"))?;
     progress.begin(trial.paths, 0);
-    let kept = asked.kept.as_ref().map(|file| Kept::open(&simulator, file, spec, simulation)).transpose()?;
+    let inputs = inputs_of(spec, simulation);
+    let kept =
+        asked.kept.as_ref().map(|file| Kept::open(&simulator, file, &spec.text, &inputs)).transpose()?;
     let source: &dyn Simulator = kept.as_ref().map_or(&simulator, |kept| kept);
     let done = || progress.done(1);
     let result = pool.install(|| validate_at_places_of(places_of, body, &trial, source, &done));

@@ -4,8 +4,6 @@
 //! digest of all that the path depends on, so that no path of another spec, mesh or plan is taken for it.
 
 use super::{SimulatedSurface, Simulator};
-use crate::precompute::prepare::inputs_of;
-use crate::spec::{Simulation, Spec};
 use anyhow::Result;
 use glam::DVec3;
 use palpate_files as files;
@@ -58,24 +56,11 @@ struct Row {
 }
 
 impl<'a> Kept<'a> {
-    /// Opens or makes the file.
+    /// Opens or makes the file, for paths of a spec with this text and these files that it names.
     ///
     /// # Errors
     /// A file that can't be read or written.
-    pub fn open(
-        simulator: &'a dyn Simulator,
-        path: &Path,
-        spec: &Spec,
-        simulation: &Simulation,
-    ) -> Result<Self> {
-        Self::of(simulator, path, &spec.text, &inputs_of(spec, simulation))
-    }
-
-    /// The same with the spec's text and the files that it names.
-    ///
-    /// # Errors
-    /// The same.
-    pub fn of(simulator: &'a dyn Simulator, path: &Path, spec: &str, inputs: &[PathBuf]) -> Result<Self> {
+    pub fn open(simulator: &'a dyn Simulator, path: &Path, spec: &str, inputs: &[PathBuf]) -> Result<Self> {
         let mut hash = Sha256::new();
         hash.update(concat!(env!("CARGO_PKG_VERSION"), "\n"));
         hash.update(spec);
