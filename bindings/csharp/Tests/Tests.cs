@@ -263,15 +263,30 @@ static class Tests
         var haptics = hand.AddComponent<PalpateHaptics>();
         haptics.touched = body;
         haptics.settings = Quiet;
+        // As Unity does: enabled first, before the others have started.
+        hand.Send("OnEnable");
+        Expect(haptics.Session == null, "no session before the start");
         hand.Send("Start");
-        for (int frame = 0; frame < 600 && haptics.Outcome == null; frame++)
+        RunToItsEnd(hand, haptics);
+        hand.Send("OnDisable");
+        hand.Send("OnEnable");
+        Expect(haptics.Session != null && haptics.Outcome == null, "enabled again it begins another session");
+        hand.Send("OnEnable");
+        RunToItsEnd(hand, haptics);
+        hand.Send("OnEnable");
+        hand.Send("OnDisable");
+        Expect(haptics.Session == null && haptics.Outcome != null, "disabled");
+        liver.Send("OnDestroy");
+        Expect(body.Body == null, "destroyed");
+    }
+
+    static void RunToItsEnd(GameObject hand, PalpateHaptics haptics)
+    {
+        for (int frame = 0; frame < 3000 && haptics.Outcome == null; frame++)
         {
             hand.Send("Update");
             Thread.Sleep(20);
         }
         Expect(haptics.Outcome != null && haptics.Outcome.IsWell && haptics.Latest.Number > 100, "the haptics component");
-        hand.Send("OnDisable");
-        liver.Send("OnDestroy");
-        Expect(body.Body == null, "destroyed");
     }
 }

@@ -20,8 +20,24 @@ namespace Palpate.Unity
         /// <summary>What became of the last session; null before its end.</summary>
         public Outcome Outcome { get; private set; }
 
+        bool started;
+
+        // Enabled before it starts, when the body's component may not have its body yet; and again after it was disabled.
         void Start()
         {
+            started = true;
+            Begin();
+        }
+
+        void OnEnable()
+        {
+            if (started) Begin();
+        }
+
+        void Begin()
+        {
+            if (Session != null) return;
+            Outcome = null;
             Session = new Session(touched.Body, settings);
             if (Session.Notes.Length > 0) Debug.LogWarning(Session.Notes);
             Session.Start();
