@@ -103,8 +103,9 @@ pub fn validate_against(
         .num_threads(jobs)
         .build()
         .map_err(|e| anyhow!("{jobs} threads can't be started ({e}); give fewer"))?;
-    progress.begin(trial.paths, 0);
     let kept = asked.kept.as_ref().map(|file| Kept::open(&simulator, file, spec, simulation)).transpose()?;
+    // From here on nothing goes back before `end`.
+    progress.begin(trial.paths, 0);
     let source: &dyn Simulator = kept.as_ref().map_or(&simulator, |kept| kept);
     let result = pool.install(|| validate(body, &trial, source, &|| progress.done(1)));
     progress.end();
