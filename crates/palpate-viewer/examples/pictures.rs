@@ -1,8 +1,8 @@
-//! Draws the window's pictures of README.md and docs/viewer.md anew, into a folder. Needs no display.
+//! Draws the window's six pictures and the animation of README.md and docs/viewer.md anew, into a folder. Needs no display.
 //!
 //! `cargo run --release -p palpate-viewer --example pictures -- docs/images`
 
-use palpate_viewer::command::{Frame, Request, screenshot, section};
+use palpate_viewer::command::{Frame, Pace, Request, animation, screenshot, section};
 use palpate_viewer::palette::Theme;
 use palpate_viewer::{Colouring, Settings};
 use std::path::{Path, PathBuf};
@@ -45,6 +45,21 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     )?;
     draw(&folder, "section", Some("pad"), cut, "depth_mm=7 at_mm=0,0,20", "-72,16,1.5", false)?;
     draw(&folder, "dark", Some("ring"), dark, "depth_mm=6 at_mm=30,-20,13 drag_mm=6", "-50,38,1.15", true)?;
+    moving(&folder)
+}
+
+/// A press and a drag, with the force, the contact's track, and how the surface follows.
+fn moving(folder: &Path) -> Result<(), Box<dyn std::error::Error>> {
+    let request = Request {
+        body: Some("pad".into()),
+        state: Some("depth_mm=6 at_mm=-14,0,20 drag_mm=26".parse()?),
+        camera: Some("-60,26,1.45".parse()?),
+        ..Request::default()
+    };
+    let frame = Frame { size: [640, 400], has_panels: false, scale: 1.0 };
+    let file = folder.join("view-drag.png");
+    let count = animation(&request, &frame, &file, &Pace { fps: 20.0, seconds: 3.0 })?;
+    println!("{}: {count} pictures", file.display());
     Ok(())
 }
 

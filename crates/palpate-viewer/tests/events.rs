@@ -44,7 +44,7 @@ impl egui::DroppedFile for Dropped {
     }
 }
 
-const KEYS: [Key; 36] = [
+const KEYS: [Key; 37] = [
     Key::Space,
     Key::R,
     Key::P,
@@ -64,6 +64,7 @@ const KEYS: [Key; 36] = [
     Key::O,
     Key::U,
     Key::L,
+    Key::H,
     Key::N,
     Key::G,
     Key::Z,
@@ -131,6 +132,7 @@ impl Driven {
                 "read ",
                 "goes on",
                 "install ",
+                "hear ",
                 "or a damaged one",
             ];
             assert!(says.iter().any(|w| message.text.contains(w)), "{message:?} says not what to do");
@@ -194,7 +196,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
     let (body, _) = common::saved(Example::Ring, folder);
     let (other, _) = common::saved(Example::Cylinder, folder);
     let recording = folder.join("ring.rec");
-    common::record(&body, &recording);
+    common::write_recording(&body, &recording);
     let write = |name: &str, bytes: &[u8]| {
         let path = folder.join(name);
         fs::write(&path, bytes).unwrap();
@@ -250,6 +252,8 @@ fn a_thousand_random_sequences() {
             Event::Dismiss,
             Event::Dismiss,
             Event::Open(files[10].clone()),
+            // Where a simulation is under way it was asked.
+            Event::Instead,
         ]);
         driven.viewer.finish_work().unwrap();
         driven.frame(vec![], None, Modifiers::NONE);
