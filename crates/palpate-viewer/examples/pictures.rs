@@ -48,17 +48,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     moving(&folder)
 }
 
-/// A press and a drag, with the force, the contact's track, and how the surface follows.
+/// A press, and a drag over the lump: the force grows there, and the surface and the contact's track follow the tool.
 fn moving(folder: &Path) -> Result<(), Box<dyn std::error::Error>> {
+    let settings = Settings { colouring: Colouring::Stiffness, ..Settings::default() };
     let request = Request {
-        body: Some("pad".into()),
-        state: Some("depth_mm=6 at_mm=-14,0,20 drag_mm=26".parse()?),
-        camera: Some("-60,26,1.45".parse()?),
+        body: Some("lump".into()),
+        state: Some("depth_mm=5 at_mm=-20,-8,15 drag_mm=46".parse()?),
+        camera: Some("-72,38,1.12".parse()?),
+        settings,
         ..Request::default()
     };
-    let frame = Frame { size: [640, 400], has_panels: false, scale: 1.0 };
+    let frame = Frame { size: [600, 380], has_panels: false, scale: 1.0 };
     let file = folder.join("view-drag.png");
-    let count = animation(&request, &frame, &file, &Pace { fps: 20.0, seconds: 3.0 })?;
+    let count = animation(&request, &frame, &file, &Pace { fps: 16.0, seconds: 3.0 })?;
     println!("{}: {count} pictures", file.display());
     Ok(())
 }

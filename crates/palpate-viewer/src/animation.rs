@@ -5,6 +5,8 @@ use anyhow::{Context as _, Result, ensure};
 use std::io::Write;
 use std::path::Path;
 
+/// Shades by which a pixel may be off before it is drawn anew: nobody sees them, and light that wanders over a body takes no room.
+const UNSEEN: u8 = 2;
 /// How long the first and the last picture stay, ms.
 const STAYS_MS: u16 = 900;
 
@@ -41,8 +43,8 @@ fn write(
     period_ms: u16,
     draw: &mut dyn FnMut(u32) -> Result<Picture>,
 ) -> Result<()> {
-    let mut before = draw(0)?;
-    let [width, height] = before.size;
+    let mut shown = draw(0)?;
+    let [width, height] = shown.size;
     let mut encoder = png::Encoder::new(out, width, height);
     encoder.set_color(png::ColorType::Rgba);
     encoder.set_depth(png::BitDepth::Eight);
@@ -54,24 +56,23 @@ fn write(
         let stays = if k == 0 || k + 1 == count { STAYS_MS.max(period_ms) } else { period_ms };
         writer.set_frame_delay(stays, 1000)?;
         if k == 0 {
-            writer.write_image_data(&before.pixels)?;
+            writer.write_image_data(&shown.pixels)?;
             continue;
         }
         let picture = draw(k).with_context(|| format!("picture {k}"))?;
-        ensure!(picture.size == before.size, "picture {k} has another size");
-        let Change { at, size, pixels } = Change::between(&before, &picture);
+        ensure!(picture.size == shown.size, "picture {k} has another size");
+        let Change { at, size, pixels } = Change::make(&mut shown, &picture);
         // The position first would be checked against the size of the picture before.
         writer.reset_frame_position()?;
         writer.set_frame_dimension(size[0], size[1])?;
         writer.set_frame_position(at[0], at[1])?;
         writer.write_image_data(&pixels)?;
-        before = picture;
     }
     writer.finish()?;
     Ok(())
 }
 
-/// What of a picture differs from the one before: a rectangle whose other pixels let through what was there.
+/// What of a picture differs from what is shown: a rectangle whose other pixels let through what is there.
 #[derive(Debug, PartialEq)]
 struct Change {
     at: [u32; 2],
@@ -80,24 +81,33 @@ struct Change {
 }
 
 impl Change {
-    fn between(before: &Picture, now: &Picture) -> Self {
-        let width = now.size[0] as usize;
-        let pairs = || before.pixels.chunks_exact(4).zip(now.pixels.chunks_exact(4)).enumerate();
-        let places = pairs().filter(|(_, (a, b))| a != b).map(|(i, _)| [i % width, i / width]);
+    /// From what is shown, which it changes, to the next picture.
+    fn make(shown: &mut Picture, next: &Picture) -> Self {
+        let width = next.size[0] as usize;
+        let is_seen = |(a, b): (&[u8], &[u8])| a.iter().zip(b).any(|(a, b)| a.abs_diff(*b) > UNSEEN);
+        let pairs = shown.pixels.chunks_exact(4).zip(next.pixels.chunks_exact(4));
+        let seen: Vec<bool> = pairs.map(is_seen).collect();
+        let places = (0..seen.len()).filter(|i| seen[*i]).map(|i| [i % width, i / width]);
         let ends = places.fold(None, |ends: Option<[[usize; 2]; 2]>, [x, y]| {
             let [[left, top], [right, bottom]] = ends.unwrap_or([[x, y]; 2]);
             Some([[left.min(x), top.min(y)], [right.max(x), bottom.max(y)]])
         });
         // A picture that is the same still takes its time: one pixel that changes nothing.
         let [[left, top], [right, bottom]] = ends.unwrap_or_default();
-        let inside =
-            |i: usize| (left..=right).contains(&(i % width)) && (top..=bottom).contains(&(i / width));
-        let pixels = pairs().filter(|(i, _)| inside(*i));
-        let pixels = pixels.flat_map(|(_, (a, b))| if a == b { [0; 4] } else { [b[0], b[1], b[2], 255] });
+        let mut pixels = Vec::new();
+        for i in (top..=bottom).flat_map(|y| (left..=right).map(move |x| y * width + x)) {
+            if seen[i] {
+                let pixel = &next.pixels[4 * i..4 * i + 4];
+                shown.pixels[4 * i..4 * i + 4].copy_from_slice(pixel);
+                pixels.extend(pixel);
+            } else {
+                pixels.extend([0; 4]);
+            }
+        }
         Change {
-            at: [left as u32, top as u32],
+            at: [left, top].map(|x| x as u32),
             size: [right - left + 1, bottom - top + 1].map(|x| x as u32),
-            pixels: pixels.collect(),
+            pixels,
         }
     }
 }
