@@ -8,9 +8,9 @@ use crate::real_time::MemoryLock;
 use crate::sampled_data::{in_series, passive_up_to};
 use crate::wall_clock::unix_now_s;
 use crate::{
-    BodyFile, Coupling, CreateError, Finished, GENTLE_N, HapticLoop, Header, Opened, Prepared, RealTime,
-    Record, RecorderThread, Recording, RecordingFile, Records, Report, Safety, SafetyError, Session,
-    Settings, StartError, Stopper, Summary, WorkspaceMap, patch_holder, path, ring,
+    BodyFile, Coupling, CreateError, Finished, GENTLE_N, HapticLoop, Header, Listener, Opened, Prepared,
+    RealTime, Record, RecorderThread, Recording, RecordingFile, Records, Report, Safety, SafetyError,
+    Session, Settings, StartError, Stopper, Summary, WorkspaceMap, patch_holder, path, ring,
 };
 use anyhow::{Context, anyhow, bail};
 use glam::DVec3;
@@ -598,7 +598,7 @@ impl LiveSession {
 
     /// Calls `hear` with every period from now on, on the thread that records: it may take its time, within reason. In place of
     /// whoever listened before; `None` for nobody.
-    pub fn listen(&self, hear: Option<Box<dyn FnMut(&Record) + Send>>) {
+    pub fn listen(&self, hear: Option<Listener>) {
         self.recorder_thread.listen(hear);
     }
 

@@ -73,16 +73,19 @@ pub struct RecorderThread {
 struct Shared {
     stop: AtomicBool,
     state: Mutex<State>,
-    listener: Mutex<Listener>,
+    listening: Mutex<Listening>,
 }
 
-/// Who hears of every period.
-#[derive(Default)]
-struct Listener(Option<Box<dyn FnMut(&Record) + Send>>);
+/// What is called with every period, on the recording thread.
+pub type Listener = Box<dyn FnMut(&Record) + Send>;
 
-impl std::fmt::Debug for Listener {
+/// Who listens, if anybody does.
+#[derive(Default)]
+struct Listening(Option<Listener>);
+
+impl std::fmt::Debug for Listening {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(if self.0.is_some() { "Listener(somebody)" } else { "Listener(nobody)" })
+        f.write_str(if self.0.is_some() { "Listening(somebody)" } else { "Listening(nobody)" })
     }
 }
 
@@ -172,7 +175,7 @@ impl RecorderThread {
         let shared = Arc::new(Shared {
             stop: AtomicBool::new(false),
             state: Mutex::new(state),
-            listener: Mutex::default(),
+            listening: Mutex::default(),
         });
         let dropped = records.dropped.clone();
         let thread = thread::Builder::new().name("palpate-record".into()).spawn({
@@ -188,8 +191,8 @@ impl RecorderThread {
     }
 
     /// Calls `hear` with every period from now on, on the recording thread; `None` for nobody. Not for the haptic thread.
-    pub fn listen(&self, hear: Option<Box<dyn FnMut(&Record) + Send>>) {
-        self.shared.listener.lock().unwrap_or_else(PoisonError::into_inner).0 = hear;
+    pub fn listen(&self, hear: Option<Listener>) {
+        self.shared.listening.lock().unwrap_or_else(PoisonError::into_inner).0 = hear;
     }
 
     /// The statistics up to now. Not for the haptic thread.
@@ -246,7 +249,7 @@ fn recorder_thread<W: Write>(mut records: Records, file: Option<RecordingFile<W>
             batch.iter().for_each(|record| state.add(record));
             last.then(|| state.reason.clone())
         };
-        if let Some(hear) = &mut shared.listener.lock().unwrap_or_else(PoisonError::into_inner).0 {
+        if let Some(hear) = &mut shared.listening.lock().unwrap_or_else(PoisonError::into_inner).0 {
             batch.iter().for_each(hear);
         }
         // Outside of the lock: a disk may take its time.
