@@ -230,49 +230,55 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 fn a_thousand_random_sequences() {
     let folder = tempfile::tempdir().unwrap();
     let files = files(folder.path());
-    let mut driven = Driven::new();
-    for seed in 0..1000u64 {
-        let mut random = Random(seed);
-        let mut viewer = Viewer::default();
-        // Sessions have threads of their own: every tenth sequence has them.
-        viewer.touches = seed % 10 == 0;
-        driven.begin(viewer);
-        if seed % 3 != 0 {
-            driven.viewer.update([Event::Open(files[10 + random.below(2)].clone())]);
-            driven.viewer.finish_work().unwrap();
+    let cores = std::thread::available_parallelism().map_or(1, |n| n.get() as u64);
+    std::thread::scope(|scope| {
+        for core in 0..cores {
+            let files = &files;
+            scope.spawn(move || {
+                let mut driven = Driven::new();
+                (core..1000).step_by(cores as usize).for_each(|seed| sequence(&mut driven, seed, files));
+            });
         }
-        for _ in 0..12 {
-            driven.any(&mut random, &files);
-            let viewer = &driven.viewer;
-            // Whatever happened, what was there is there, or was left on purpose.
-            if let Some(shown) = viewer.shown() {
-                assert!(shown.tool_m().is_finite(), "{seed}");
-            }
-            assert!(viewer.scene().is_none() == viewer.subject().is_none(), "{seed}");
-        }
-        if let Some(message) = driven.viewer.message() {
-            assert!(!message.title.is_empty() && message.text.len() > 10, "{seed}: {message:?}");
-        }
-        // It can still be used; there may be nothing to hear it with.
-        driven.viewer.update([
-            Event::Change(Settings { sound: false, ..*driven.viewer.settings() }),
-            Event::Dismiss,
-            Event::Dismiss,
-            Event::Dismiss,
-            Event::Open(files[10].clone()),
-            // Where a simulation is under way it was asked.
-            Event::Instead,
-        ]);
+    });
+}
+
+fn sequence(driven: &mut Driven, seed: u64, files: &[PathBuf]) {
+    let mut random = Random(seed);
+    let mut viewer = Viewer::default();
+    // Sessions have threads of their own: every tenth sequence has them.
+    viewer.touches = seed % 10 == 0;
+    driven.begin(viewer);
+    if seed % 3 != 0 {
+        driven.viewer.update([Event::Open(files[10 + random.below(2)].clone())]);
         driven.viewer.finish_work().unwrap();
-        driven.frame(vec![], None, Modifiers::NONE);
-        assert!(driven.viewer.subject().is_some_and(|s| s.name == "ring.body"), "{seed}");
-        if driven.viewer.touches {
-            assert!(
-                driven.viewer.touch().is_some_and(|t| !t.is_over()),
-                "{seed}: {:?}",
-                driven.viewer.message()
-            );
+    }
+    for _ in 0..12 {
+        driven.any(&mut random, files);
+        let viewer = &driven.viewer;
+        // Whatever happened, what was there is there, or was left on purpose.
+        if let Some(shown) = viewer.shown() {
+            assert!(shown.tool_m().is_finite(), "{seed}");
         }
+        assert!(viewer.scene().is_none() == viewer.subject().is_none(), "{seed}");
+    }
+    if let Some(message) = driven.viewer.message() {
+        assert!(!message.title.is_empty() && message.text.len() > 10, "{seed}: {message:?}");
+    }
+    // It can still be used; there may be nothing to hear it with.
+    driven.viewer.update([
+        Event::Change(Settings { sound: false, ..*driven.viewer.settings() }),
+        Event::Dismiss,
+        Event::Dismiss,
+        Event::Dismiss,
+        Event::Open(files[10].clone()),
+        // Where a simulation is under way it was asked.
+        Event::Instead,
+    ]);
+    driven.viewer.finish_work().unwrap();
+    driven.frame(vec![], None, Modifiers::NONE);
+    assert!(driven.viewer.subject().is_some_and(|s| s.name == "ring.body"), "{seed}");
+    if driven.viewer.touches {
+        assert!(driven.viewer.touch().is_some_and(|t| !t.is_over()), "{seed}: {:?}", driven.viewer.message());
     }
 }
 

@@ -149,3 +149,24 @@ fn switches_reach_the_session() {
     viewer.update([Event::Pause]);
     until(&mut viewer, began, "goes on", |s| s.command_n.is_some_and(|f| f.length() > 0.02));
 }
+
+/// With a loudspeaker it plays; without one, or in a build without sound, one message says what to do. The session goes on in any
+/// case.
+#[test]
+fn sound_is_heard_or_it_is_said_why_not() {
+    let began = Instant::now();
+    let mut viewer = touching(Example::Pad);
+    let settings = *viewer.settings();
+    viewer.update([Event::Change(Settings { sound: true, ..settings })]);
+    match viewer.message() {
+        None => assert!(viewer.settings().sound),
+        Some(message) => {
+            assert!(message.text.contains("--wav FILE") && !viewer.settings().sound, "{message:?}");
+            println!("{}", message.text);
+        }
+    }
+    viewer.update([Event::Point(Some(DVec2::ZERO)), Event::Press(true)]);
+    until(&mut viewer, began, "presses", |s| s.command_n.is_some_and(|f| f.length() > 0.1));
+    viewer.update([Event::Change(Settings { sound: false, ..*viewer.settings() })]);
+    until(&mut viewer, began, "still presses", |s| s.contact.is_some_and(|c| c.delta_z_m > 2e-3));
+}
