@@ -16,6 +16,7 @@ mod geometry;
 mod lazy;
 
 pub use deform::{ContactState, Deformer};
+pub use dimple::Dimple;
 pub use fields::{DisplacementFields, FieldSet, PlaceField};
 pub(crate) use fields::{FieldSizes, field_layout};
 pub use geometry::FieldSurface;

@@ -64,7 +64,9 @@ pub use body::{
     PotentialErrors, Provenance, SlipRule, StateErrors, Tool,
 };
 pub use curve::{Curve, Extension, Interpolation};
-pub use displacement::{ContactState, Deformer, DisplacementFields, FieldSet, FieldSurface, PlaceField};
+pub use displacement::{
+    ContactState, Deformer, Dimple, DisplacementFields, FieldSet, FieldSurface, PlaceField,
+};
 pub use error::{BodyError, Result};
 pub use gradient::{
     Coefficients, CoupledEnergies, DecoupledEnergies, EnergyCache, GradientBound, Gradients, PointEnergies,

@@ -217,32 +217,38 @@ pub struct WindowRow {
     pub snap_free_found_n_per_m: Option<f64>,
 }
 
-/// P wants friction high, S wants it low: how both fare over a range of it. By search, not by proof.
-pub fn window(body: &Body, assumptions: &Assumptions) -> Vec<WindowRow> {
+/// P wants friction high, S wants it low: how both fare over a range of it. By search, not by proof; none once `cancelled` is true.
+pub fn window(body: &Body, assumptions: &Assumptions, cancelled: &AtomicBool) -> Option<Vec<WindowRow>> {
     let effort = Effort { evaluations: 0, absolute: 0.0, relative: 0.0 };
     let row = |factor: f64| {
         let assumptions =
             Assumptions { friction_factor: assumptions.friction_factor * factor, ..*assumptions };
-        let found: Vec<[f64; 2]> = (0..body.elements().len() as u32)
+        let found: Option<Vec<[f64; 2]>> = (0..body.elements().len() as u32)
             .into_par_iter()
             .map(|element| {
+                if cancelled.load(Ordering::Relaxed) {
+                    return None;
+                }
                 let patch = ElementStates::new(body, element, &assumptions);
                 let cells = patch.cells();
-                [Criterion::Passive, Criterion::SnapFree].map(|c| least(c, &patch, &cells, effort).found)
+                Some(
+                    [Criterion::Passive, Criterion::SnapFree].map(|c| least(c, &patch, &cells, effort).found),
+                )
             })
             .collect();
+        let found = found?;
         let failing = |i: usize| found.iter().filter(|f| f[i] < -ROUNDING).count();
         let least = |i: usize| found.iter().map(|f| f[i]).fold(f64::INFINITY, f64::min);
         let finite = |x: f64| x.is_finite().then_some(x);
-        WindowRow {
+        Some(WindowRow {
             friction_factor: factor,
             passive_failing_elements: failing(0),
             snap_failing_elements: failing(1),
             passive_found: finite(least(0)),
             snap_free_found_n_per_m: finite(least(1)),
-        }
+        })
     };
-    [0.0, 0.5, 1.0, 1.5, 2.0, 3.0].map(row).to_vec()
+    [0.0, 0.5, 1.0, 1.5, 2.0, 3.0].into_iter().map(row).collect()
 }
 
 /// What `palpate certify --json` prints.

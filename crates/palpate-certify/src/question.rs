@@ -82,7 +82,8 @@ pub fn certify(
     let Some(elements) = elements(body, assumptions, evaluations, done, cancelled) else { return Ok(None) };
     let mut found = certificate(body, assumptions, &elements);
     if question.window {
-        found.window = window(body, assumptions);
+        let Some(rows) = window(body, assumptions, cancelled) else { return Ok(None) };
+        found.window = rows;
     }
     if let Some(device) = question.device {
         let asked = device.position_error_m > 0.0 && found.snap_free.holds;
@@ -150,4 +151,34 @@ fn pace(
     };
     let least = elements.par_iter().enumerate().map(of).reduce(|| 0.0, f64::min);
     (least > f64::NEG_INFINITY).then_some(-least)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_body::Response;
+    use palpate_body::shape::{Resolution, Shape};
+    use std::sync::atomic::AtomicUsize;
+
+    /// The search over frictions takes longer than all the bounds before it.
+    #[test]
+    fn the_search_over_frictions_is_cancelled_too() {
+        let surface = Shape::Sphere { radius_mm: 30.0 }
+            .surface(Resolution { edge_length_mm: Some(20.0), ..Default::default() })
+            .unwrap();
+        let body = Body::uniform(surface, Response::paper(600.0, 500.0, 0.3, 8e-3, 8e-3).unwrap()).unwrap();
+        let question = Question { evaluations: Some(10), window: true, ..Question::of(&body) };
+        let never = AtomicBool::new(false);
+        let rows = window(&body, &question.assumptions, &never).unwrap();
+        assert_eq!(rows.len(), 6);
+        assert!(window(&body, &question.assumptions, &AtomicBool::new(true)).is_none());
+        // Cancelled with the last element, when only the search is left.
+        let (cancelled, left) = (AtomicBool::new(false), AtomicUsize::new(body.elements().len()));
+        let done = || {
+            if left.fetch_sub(1, Ordering::Relaxed) == 1 {
+                cancelled.store(true, Ordering::Relaxed);
+            }
+        };
+        assert!(certify(&body, &question, &done, &cancelled).unwrap().is_none());
+    }
 }

@@ -18,10 +18,6 @@ const MAGIC: u32 = 0x4654_6C67;
 const JSON_CHUNK: u32 = 0x4E4F_534A;
 const BINARY_CHUNK: u32 = 0x004E_4942;
 
-/// From soft to stiff, as a screen shows them (sRGB): five colours of viridis (Smith and van der Walt 2015), in an order that
-/// colour-blind eyes see as well.
-const COLOURS: [[u8; 3]; 5] = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
-
 /// A morph target: the body pressed straight in at a test point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MorphTarget {
@@ -240,7 +236,7 @@ fn normals(body: &Body, positions: &[DVec3]) -> Vec<DVec3> {
     sums.iter().zip(body.nodes()).map(|(sum, node)| sum.normalize_or(-node.inward)).collect()
 }
 
-/// Each node's colour (linear, and no transparency): its normal stiffness at full depth, between the body's 2nd and 98th
+/// Each node's colour from viridis (linear, and no transparency): its normal stiffness at full depth, between the body's 2nd and 98th
 /// percentile.
 fn colours(body: &Body) -> Vec<[u8; 4]> {
     let stiffness: Vec<f64> =
@@ -250,17 +246,13 @@ fn colours(body: &Body) -> Vec<[u8; 4]> {
     let at = |part: f64| sorted[((sorted.len() - 1) as f64 * part).round() as usize];
     let (low, high) = (at(0.02), at(0.98));
     let linear = |c: f64| {
-        let c = c / 255.0;
         let c = if c <= 0.04045 { c / 12.92 } else { libm::pow((c + 0.055) / 1.055, 2.4) };
         (c * 255.0).round() as u8
     };
     let colour = |k: f64| {
         let x = if high > low { ((k - low) / (high - low)).clamp(0.0, 1.0) } else { 0.5 };
-        let x = x * (COLOURS.len() - 1) as f64;
-        let i = (x as usize).min(COLOURS.len() - 2);
-        let part = x - i as f64;
-        let mixed = |c: usize| f64::from(COLOURS[i][c]) * (1.0 - part) + f64::from(COLOURS[i + 1][c]) * part;
-        [linear(mixed(0)), linear(mixed(1)), linear(mixed(2)), 255]
+        let [r, g, b] = palpate::colours::viridis(x).map(linear);
+        [r, g, b, 255]
     };
     stiffness.into_iter().map(colour).collect()
 }

@@ -77,6 +77,11 @@ pub struct Ledger {
 pub const TANK: f64 = 0.25;
 
 impl Ledger {
+    /// The most that the tank can hold now, J: a quarter of what is stored.
+    pub fn tank_limit_j(&self) -> f64 {
+        TANK * self.stored_j.max(0.0)
+    }
+
     /// The tool moves, c stays.
     pub(crate) fn stick(&mut self, stored_j: f64) {
         self.work_j += stored_j - self.stored_j;
@@ -87,8 +92,9 @@ impl Ledger {
     pub(crate) fn slip(&mut self, stored_j: f64) {
         self.dissipated_j += self.stored_j - stored_j;
         self.generated_j += (stored_j - self.stored_j).max(0.0);
-        self.tank_j = (self.tank_j + (self.stored_j - stored_j)).min(TANK * stored_j.max(0.0));
+        self.tank_j += self.stored_j - stored_j;
         self.stored_j = stored_j;
+        self.tank_j = self.tank_j.min(self.tank_limit_j());
     }
 
     /// Internal variables move, c and the tool stay.

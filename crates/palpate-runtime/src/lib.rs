@@ -106,8 +106,8 @@ pub use page_faults::PageFaults;
 pub use passivity::PassivityController;
 pub use real_time::{MemoryLock, RealTime};
 pub use record::{
-    BodyFile, CreateError, Ending, Field, Finished, Header, Map, OpenRecordingError, RECORDING_MAGIC, Record,
-    Recorder, RecorderThread, Recording, RecordingFile, Records, Retrace, ring,
+    BodyFile, CreateError, Ending, Field, Finished, Header, Listener, Map, OpenRecordingError,
+    RECORDING_MAGIC, Record, Recorder, RecorderThread, Recording, RecordingFile, Records, Retrace, ring,
 };
 pub use safety::{GENTLE_N, GENTLE_NM, Safety, SafetyError};
 pub use session::{Prepared, Report, Session, Settings, StartError, Stopper};

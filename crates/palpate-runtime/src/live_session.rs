@@ -8,13 +8,12 @@ use crate::real_time::MemoryLock;
 use crate::sampled_data::{in_series, passive_up_to};
 use crate::wall_clock::unix_now_s;
 use crate::{
-    BodyFile, Coupling, CreateError, Finished, GENTLE_N, HapticLoop, Header, Opened, Prepared, RealTime,
-    Record, RecorderThread, Recording, RecordingFile, Records, Report, Safety, SafetyError, Session,
-    Settings, StartError, Stopper, Summary, WorkspaceMap, patch_holder, path, ring,
+    BodyFile, Coupling, CreateError, Finished, GENTLE_N, HapticLoop, Header, Listener, Opened, Prepared,
+    RealTime, Record, RecorderThread, Recording, RecordingFile, Records, Report, Safety, SafetyError,
+    Session, Settings, StartError, Stopper, Summary, WorkspaceMap, patch_holder, path, ring,
 };
 use anyhow::{Context, anyhow, bail};
 use glam::DVec3;
-use palpate_body::file::Fingerprint;
 use palpate_body::stiffness::Stiffest;
 use palpate_body::tensor::Principal;
 use palpate_body::{Body, BodyError, BodySource, ContactModel, SlipRule, StoredBody};
@@ -104,25 +103,20 @@ impl SessionBody {
         place: Option<BodyIn>,
         digest: bool,
     ) -> Result<Self, SessionError> {
-        let fingerprint = |file: &_| Fingerprint::of(file).map_err(|e| BodyError::io(path, e));
-        let file = files::open(path)?;
-        let before = fingerprint(&file)?;
         let is_large = || StoredBody::count_elements(path).is_ok_and(|count| count >= STORED_FROM);
-        let source: Arc<dyn BodySource> = match place {
-            Some(BodyIn::File) => Arc::new(StoredBody::open(path, slip)?),
-            Some(BodyIn::Memory) => Arc::new(Body::open(path)?),
-            // Of the few that can't stay in their files, memory may have room for some.
-            None => match is_large().then(|| StoredBody::open(path, slip)) {
-                Some(Ok(stored)) => Arc::new(stored),
-                _ => Arc::new(Body::open(path)?),
-            },
+        let open = || -> Result<Arc<dyn BodySource>, SessionError> {
+            Ok(match place {
+                Some(BodyIn::File) => Arc::new(StoredBody::open(path, slip)?),
+                Some(BodyIn::Memory) => Arc::new(Body::open(path)?),
+                // Of the few that can't stay in their files, memory may have room for some.
+                None => match is_large().then(|| StoredBody::open(path, slip)) {
+                    Some(Ok(stored)) => Arc::new(stored),
+                    _ => Arc::new(Body::open(path)?),
+                },
+            })
         };
-        let sha256 = if digest { files::sha256_of(file, path)? } else { String::new() };
-        if fingerprint(&files::open(path)?)? != before {
-            return Err(anyhow!("{}: it was changed while it was opened; start again", path.display()).into());
-        }
-        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        Ok(SessionBody { source, file: BodyFile { name, sha256 } })
+        let (source, file) = BodyFile::read_with(path, digest, open)?;
+        Ok(SessionBody { source, file })
     }
 }
 
@@ -600,6 +594,12 @@ impl LiveSession {
     /// Percentiles, counts and energies so far.
     pub fn summary(&self) -> Summary {
         self.recorder_thread.summary()
+    }
+
+    /// Calls `hear` with every period from now on, on the thread that records: it may take its time, within reason. In place of
+    /// whoever listened before; `None` for nobody.
+    pub fn listen(&self, hear: Option<Listener>) {
+        self.recorder_thread.listen(hear);
     }
 
     /// What ended the recording early, once.

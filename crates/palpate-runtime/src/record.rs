@@ -13,7 +13,7 @@ mod table;
 pub use file::MAGIC as RECORDING_MAGIC;
 pub use file::{BodyFile, CreateError, Header, Map, RecordingFile};
 pub use reading::{Ending, OpenRecordingError, Recording};
-pub use recorder::{Finished, Recorder, RecorderThread, Records, ring};
+pub use recorder::{Finished, Listener, Recorder, RecorderThread, Records, ring};
 pub use retrace::Retrace;
 
 use crate::{HapticLoop, Period, StageFlags};

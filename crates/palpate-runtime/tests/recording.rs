@@ -358,6 +358,23 @@ fn a_full_ring_drops_and_counts() {
     assert_eq!(ending, Ending::Clean { reason: "the end".into(), dropped: 6 });
 }
 
+/// Whoever listens hears of every period that came through the ring, in order; then of none.
+#[test]
+fn a_listener_hears_every_period_until_it_leaves() {
+    let records = noise(200, 7);
+    let (mut recorder, end) = ring(256);
+    let recorder_thread = RecorderThread::start::<Disk>(end, None, 1000.0).unwrap();
+    let (sender, heard) = std::sync::mpsc::channel();
+    recorder_thread.listen(Some(Box::new(move |r: &Record| sender.send(r.number).unwrap())));
+    records.iter().take(100).for_each(|r| assert!(recorder.push(r)));
+    let numbers: Vec<u64> = (0..100).map(|_| heard.recv_timeout(Duration::from_secs(60)).unwrap()).collect();
+    assert_eq!(numbers, (0..100).collect::<Vec<u64>>());
+    recorder_thread.listen(None);
+    records.iter().skip(100).for_each(|r| assert!(recorder.push(r)));
+    assert_eq!(recorder_thread.finish("the end").summary.periods, 200);
+    assert!(heard.recv().is_err());
+}
+
 /// What is older than half a second is on the disk, whatever becomes of the program; a recorder thread without a file counts.
 #[test]
 fn half_a_second_is_the_most_that_a_kill_takes() {

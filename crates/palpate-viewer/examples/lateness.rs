@@ -18,7 +18,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     tell("without", &LiveSession::start(body, config.clone())?.join());
     let request = Request { body: Some(file.clone()), session: Some(config), ..Request::default() };
     let until = Instant::now() + Duration::from_secs_f64(seconds + 2.0);
-    if let Some(outcome) = open(&request, Box::new(move || Instant::now() > until))? {
+    if let Some(outcome) = open(&request, Box::new(move |_| Instant::now() > until))? {
         tell("with", &outcome);
     }
     std::fs::remove_dir_all(&folder)?;

@@ -1,8 +1,8 @@
-//! Draws the window's pictures of README.md and docs/viewer.md anew, into a folder. Needs no display.
+//! Draws the window's six pictures and the animation of README.md and docs/viewer.md anew, into a folder. Needs no display.
 //!
 //! `cargo run --release -p palpate-viewer --example pictures -- docs/images`
 
-use palpate_viewer::command::{Frame, Request, screenshot, section};
+use palpate_viewer::command::{Frame, Pace, Request, animation, screenshot, section};
 use palpate_viewer::palette::Theme;
 use palpate_viewer::{Colouring, Settings};
 use std::path::{Path, PathBuf};
@@ -45,6 +45,23 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     )?;
     draw(&folder, "section", Some("pad"), cut, "depth_mm=7 at_mm=0,0,20", "-72,16,1.5", false)?;
     draw(&folder, "dark", Some("ring"), dark, "depth_mm=6 at_mm=30,-20,13 drag_mm=6", "-50,38,1.15", true)?;
+    moving(&folder)
+}
+
+/// A press, and a drag over the lump: the force grows there, and the surface and the contact's track follow the tool.
+fn moving(folder: &Path) -> Result<(), Box<dyn std::error::Error>> {
+    let settings = Settings { colouring: Colouring::Stiffness, ..Settings::default() };
+    let request = Request {
+        body: Some("lump".into()),
+        state: Some("depth_mm=5 at_mm=-20,-8,15 drag_mm=46".parse()?),
+        camera: Some("-72,38,1.12".parse()?),
+        settings,
+        ..Request::default()
+    };
+    let frame = Frame { size: [600, 380], has_panels: false, scale: 1.0 };
+    let file = folder.join("view-drag.png");
+    let count = animation(&request, &frame, &file, &Pace { fps: 16.0, seconds: 3.0 })?;
+    println!("{}: {count} pictures", file.display());
     Ok(())
 }
 

@@ -4,6 +4,6 @@ use palpate_viewer::command::{Request, open};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let body = std::env::args().nth(1).map(Into::into);
-    open(&Request { body, ..Request::default() }, Box::new(|| false))?;
+    open(&Request { body, ..Request::default() }, Box::new(|_| false))?;
     Ok(())
 }

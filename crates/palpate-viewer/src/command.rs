@@ -1,13 +1,16 @@
 //! What the command `palpate view` asks for.
 
+use crate::animation;
 use crate::camera::CameraChoice;
 use crate::gallery::Example;
-use crate::offscreen::{DrawError, Offscreen};
-use crate::playback::Playback;
+use crate::offscreen::{DrawError, Offscreen, Picture};
 use crate::scene::Section;
 use crate::settings::Settings;
+use crate::shown::Shown;
+use crate::sound::{self, Loudness};
 use crate::state::{Event, Viewer};
 use crate::still::{self, StateChoice};
+use crate::subject::Subject;
 use crate::window;
 use crate::work::{Done, Opened, Work};
 use palpate::runtime::{Outcome, SessionConfig};
@@ -32,6 +35,8 @@ pub struct Request {
     pub colour_depth_m: Option<f64>,
     /// A session to be watched, in place of the mouse as tool.
     pub session: Option<SessionConfig>,
+    /// A file that what the mouse does is recorded into: see [`Viewer::record`].
+    pub record: Option<PathBuf>,
 }
 
 /// What a picture shows, and how large it is.
@@ -68,17 +73,19 @@ impl From<String> for ViewError {
     }
 }
 
-/// Opens the window, and waits until it is closed or `is_asked` comes true. What a watched session came to, if one was.
+/// Opens the window, and waits until it is closed or `ends`, which is asked before every picture, comes true. What a watched
+/// session came to, if one was.
 ///
 /// # Errors
 /// What was given can't be opened; there is no display or no adapter.
-pub fn open(request: &Request, is_asked: Box<dyn Fn() -> bool>) -> Result<Option<Outcome>, ViewError> {
+pub fn open(request: &Request, ends: window::Ends) -> Result<Option<Outcome>, ViewError> {
     if request.state.is_some() && request.session.is_none() {
-        return Ok(window::open(prepared(request)?, Vec::new(), is_asked)?);
+        return Ok(window::open(prepared(request)?, Vec::new(), ends)?);
     }
     // A session begins with its body: not before there is somewhere to show it and to stop it.
     window::display()?;
     let mut viewer = Viewer::with_settings(request.settings);
+    viewer.record = request.record.clone();
     let mut first = Vec::new();
     if let Some(config) = &request.session {
         viewer.watch(config.clone());
@@ -98,7 +105,7 @@ pub fn open(request: &Request, is_asked: Box<dyn Fn() -> bool>) -> Result<Option
         viewer.point_camera(camera);
     }
     first.extend(request.time_s.map(Event::Scrub));
-    Ok(window::open(viewer, first, is_asked)?)
+    Ok(window::open(viewer, first, ends)?)
 }
 
 /// A picture without a display.
@@ -111,28 +118,136 @@ pub fn screenshot(request: &Request, frame: &Frame, file: &Path) -> Result<(), V
     picture(&mut viewer, &mut offscreen, frame, file)
 }
 
+/// How a recording's or a state's time becomes pictures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pace {
+    /// Pictures a second.
+    pub fps: f64,
+    /// How long the way from rest to a state takes, s; a recording takes its own time.
+    pub seconds: f64,
+}
+
+impl Default for Pace {
+    fn default() -> Self {
+        Pace { fps: 25.0, seconds: 3.0 }
+    }
+}
+
+/// More pictures than anybody waits for.
+const PICTURES_MAX: f64 = 100_000.0;
+
+impl Pace {
+    /// How many pictures show so many seconds, the first and the last moment among them.
+    fn count(&self, seconds: f64) -> Result<u32, ViewError> {
+        let fps = self.fps;
+        if !(0.1..=1000.0).contains(&fps) {
+            return Err(ViewError::Input(format!("{fps} pictures a second; give from 0.1 to 1,000")));
+        }
+        let count = (seconds * fps).floor() + 1.0;
+        if !(1.0..=PICTURES_MAX).contains(&count) {
+            return Err(ViewError::Input(format!(
+                "{seconds:.3} s at {fps} pictures a second are {count:.0} pictures; give fewer a second: at most {PICTURES_MAX} are drawn"
+            )));
+        }
+        Ok(count as u32)
+    }
+}
+
 /// Pictures of a recording, `fps` a second of its time, as `frame-00000.png` and on in a folder. How many.
 ///
 /// # Errors
-/// As [`screenshot`]; no recording.
-pub fn sequence(request: &Request, frame: &Frame, folder: &Path, fps: f64) -> Result<usize, ViewError> {
+/// As [`screenshot`]; no recording; too many pictures.
+pub fn sequence(request: &Request, frame: &Frame, folder: &Path, pace: &Pace) -> Result<u32, ViewError> {
     if request.recording.is_none() {
         return Err(ViewError::Input("a sequence is of a recording: give --recording FILE".into()));
     }
-    if !(0.1..=1000.0).contains(&fps) {
-        return Err(ViewError::Input(format!("{fps} pictures a second; give from 0.1 to 1,000")));
-    }
     let mut viewer = prepared(request)?;
-    let [first, last] = viewer.playback().map_or([0.0; 2], Playback::span_s);
+    let moments = Moments::of(&viewer, pace)?;
     palpate::files::make_folder(folder).map_err(|e| palpate::files::message(&e))?;
     let mut offscreen = Offscreen::new(false)?;
-    let count = ((last - first) * fps).floor() as usize + 1;
-    for k in 0..count {
-        viewer.update([Event::Scrub(first + k as f64 / fps)]);
-        viewer.tick(0.0);
+    for k in 0..moments.count {
+        moments.go_to(&mut viewer, k);
         picture(&mut viewer, &mut offscreen, frame, &folder.join(format!("frame-{k:05}.png")))?;
     }
-    Ok(count)
+    Ok(moments.count)
+}
+
+/// One animated picture: a recording in its own time, or the way from rest to a state. How many pictures are in it.
+///
+/// # Errors
+/// As [`screenshot`]; nothing moves; too many pictures; a file that is not to be a PNG.
+pub fn animation(request: &Request, frame: &Frame, file: &Path, pace: &Pace) -> Result<u32, ViewError> {
+    animation::check_name(file)?;
+    let mut viewer = prepared(request)?;
+    let moments = Moments::of(&viewer, pace)?;
+    let mut offscreen = Offscreen::new(false)?;
+    let period_ms = (1e3 / pace.fps).round().clamp(1.0, 1e4) as u16;
+    animation::save(file, moments.count, period_ms, |k| {
+        moments.go_to(&mut viewer, k);
+        Ok(drawn(&mut viewer, &mut offscreen, frame)?)
+    })
+    .map_err(|e| palpate::files::message(&e))?;
+    Ok(moments.count)
+}
+
+/// A recording's sound as a WAV file.
+///
+/// # Errors
+/// What was given can't be opened; no recording, or none that can be heard.
+pub fn sound(request: &Request, file: &Path) -> Result<Loudness, ViewError> {
+    let viewer = prepared(request)?;
+    let Some(playback) = viewer.playback() else {
+        return Err(ViewError::Input("a sound is of a recording: give --recording FILE".into()));
+    };
+    Ok(sound::save(file, &playback.records)?)
+}
+
+/// The moments that are drawn one after another.
+struct Moments {
+    count: u32,
+    of: MomentsOf,
+}
+
+enum MomentsOf {
+    /// From this time on, s, with so much between two.
+    Recording { first_s: f64, period_s: f64 },
+    /// The way to a state, from rest.
+    Way(Vec<Shown>),
+}
+
+impl Moments {
+    fn of(viewer: &Viewer, pace: &Pace) -> Result<Self, ViewError> {
+        if let Some(playback) = viewer.playback() {
+            let [first_s, last_s] = playback.span_s();
+            let count = pace.count(last_s - first_s)?;
+            return Ok(Moments { count, of: MomentsOf::Recording { first_s, period_s: 1.0 / pace.fps } });
+        }
+        let Some(still) = viewer.still().filter(|still| !still.states.is_empty()) else {
+            let text = "nothing moves: give --recording FILE, or a --state that is pressed, such as \"depth_mm=4 drag_mm=6\"";
+            return Err(ViewError::Input(text.into()));
+        };
+        if !(0.1..=600.0).contains(&pace.seconds) {
+            return Err(ViewError::Input(format!(
+                "an animation of {} s; give from 0.1 to 600",
+                pace.seconds
+            )));
+        }
+        Ok(Moments { count: pace.count(pace.seconds)?, of: MomentsOf::Way(still.states.clone()) })
+    }
+
+    fn go_to(&self, viewer: &mut Viewer, k: u32) {
+        match &self.of {
+            MomentsOf::Recording { first_s, period_s } => {
+                viewer.update([Event::Scrub(first_s + f64::from(k) * period_s)]);
+            }
+            MomentsOf::Way(states) => {
+                let share = f64::from(k) / f64::from(self.count.saturating_sub(1).max(1));
+                let last = (share * (states.len() - 1) as f64).round() as usize;
+                viewer.show(states[..=last].to_vec());
+            }
+        }
+        viewer.tick(0.0);
+    }
 }
 
 fn picture(
@@ -141,14 +256,16 @@ fn picture(
     frame: &Frame,
     file: &Path,
 ) -> Result<(), ViewError> {
-    let picture = if frame.has_panels {
-        offscreen.window(viewer, frame.size, frame.scale)?
-    } else {
-        let scene =
-            viewer.scene().ok_or_else(|| ViewError::Input("there is no body to draw; name one".into()))?;
-        offscreen.scene(&scene, frame.size)?
-    };
-    Ok(picture.save(file)?)
+    Ok(drawn(viewer, offscreen, frame)?.save(file)?)
+}
+
+fn drawn(viewer: &mut Viewer, offscreen: &mut Offscreen, frame: &Frame) -> Result<Picture, ViewError> {
+    if frame.has_panels {
+        return Ok(offscreen.window(viewer, frame.size, frame.scale)?);
+    }
+    let scene =
+        viewer.scene().ok_or_else(|| ViewError::Input("there is no body to draw; name one".into()))?;
+    Ok(offscreen.scene(&scene, frame.size)?)
 }
 
 /// A viewer that shows what was asked for, and nothing that moves.
@@ -183,18 +300,12 @@ pub fn prepared(request: &Request) -> Result<Viewer, ViewError> {
         }
     }
     viewer.update(request.time_s.map(Event::Scrub));
-    viewer.tick(0.0);
     viewer.touches = true;
     // Bounds are shown when they are all there.
-    let unknown = |viewer: &Viewer| {
-        viewer.subject().is_some_and(|s| s.certificate().is_some_and(|c| c.len() < s.body.elements().len()))
-    };
-    if unknown(&viewer) {
-        while unknown(&viewer) {
-            std::thread::sleep(std::time::Duration::from_millis(20));
-        }
-        viewer.tick(0.0);
+    while viewer.subject().is_some_and(Subject::is_bounding) {
+        std::thread::sleep(std::time::Duration::from_millis(20));
     }
+    viewer.tick(0.0);
     Ok(viewer)
 }
 
@@ -256,6 +367,47 @@ mod tests {
         for wrong in ["640", "0x10", "1x1", "99999x100", "ax b"] {
             assert!(size(wrong).unwrap_err().contains("1360x860"), "{wrong}");
         }
+    }
+
+    #[test]
+    fn pictures_are_counted_before_any_is_drawn() {
+        let pace = |fps| Pace { fps, ..Pace::default() };
+        assert_eq!(pace(25.0).count(2.0).unwrap(), 51);
+        assert_eq!(pace(25.0).count(0.0).unwrap(), 1);
+        for (fps, seconds) in [(1000.0, 1e300), (25.0, 4001.0), (25.0, f64::NAN), (25.0, f64::INFINITY)] {
+            let error = pace(fps).count(seconds).unwrap_err().to_string();
+            assert!(error.contains("give fewer a second"), "{error}");
+        }
+        assert!(pace(0.0).count(1.0).unwrap_err().to_string().contains("give from 0.1"));
+    }
+
+    #[test]
+    fn an_animation_goes_from_rest_to_the_state_or_says_that_nothing_moves() {
+        let request = |state: &str| Request {
+            body: Some("ring".into()),
+            state: Some(state.parse().unwrap()),
+            ..Request::default()
+        };
+        let mut viewer = prepared(&request("depth_mm=4 drag_mm=3")).unwrap();
+        let end = viewer.shown();
+        let moments = Moments::of(&viewer, &Pace { fps: 10.0, seconds: 1.0 }).unwrap();
+        assert_eq!(moments.count, 11);
+        moments.go_to(&mut viewer, 0);
+        assert!(viewer.shown().is_some_and(|s| s.contact.is_none()));
+        let mut depths = Vec::new();
+        for k in 0..moments.count {
+            moments.go_to(&mut viewer, k);
+            depths.push(viewer.shown().and_then(|s| s.contact).map_or(0.0, |c| c.delta_z_m));
+        }
+        assert!(depths.iter().filter(|d| **d > 3e-3).count() > 2, "{depths:?}");
+        assert_eq!(viewer.shown(), end);
+
+        let viewer = prepared(&request("rest")).unwrap();
+        let error = Moments::of(&viewer, &Pace::default()).err().unwrap().to_string();
+        assert!(error.contains("nothing moves"), "{error}");
+        let long = Pace { seconds: 1e9, ..Pace::default() };
+        let viewer = prepared(&request("depth_mm=4")).unwrap();
+        assert!(Moments::of(&viewer, &long).err().unwrap().to_string().contains("600"));
     }
 
     #[test]

@@ -1,24 +1,14 @@
 //! The deformed surface.
 //!
 //! A body that was simulated moves as its displacement fields say ([`Deformer`]). What others do around a tool is drawn as an elastic
-//! half-space does it under a ball (Hertz; Johnson, Contact Mechanics, eq. 3.41 and 3.42), with the depth and the lateral deflection
-//! of the contact, faded out towards the body's far side. Both are pictures: no force depends on them. No vertex stays inside the tool.
+//! half-space does it under a ball ([`Dimple`](palpate::body::Dimple)), with the depth and the lateral deflection of the contact. Both are pictures: no
+//! force depends on them. No vertex stays inside the tool.
 
-use crate::place;
 use crate::shown::Shown;
 use crate::surface::DrawnSurface;
 use glam::{DVec3, Vec3};
 use palpate::Body;
 use palpate::body::{ContactState, Deformer, SurfacePoint, Tool};
-
-/// A tip without extent is drawn as a ball of this radius, in parts of the depth: a point would tear the surface.
-const POINT: f32 = 0.25;
-/// The patch is no smaller than this, in parts of the depth.
-const PATCH_MIN: f32 = 0.3;
-/// How far the dimple reaches, in radii of the patch,
-const REACH: f32 = 14.0;
-/// but no farther than this part of the body's size.
-const REACH_MAX: f32 = 0.9;
 
 /// Displacements that can't be seen, m.
 const SEEN: f32 = 1e-7;
@@ -56,9 +46,8 @@ impl Fields {
     }
 
     fn displace(&mut self, body: &Body, state: &Shown) -> bool {
-        let Some(contact) = &state.contact else { return false };
-        let at = SurfacePoint { element: contact.element, n: contact.n };
-        self.deformer.displace(body, &ContactState { at, tool_m: state.tool_m() }, &mut self.positions);
+        let Some(contact) = contact_state(state) else { return false };
+        self.deformer.displace(body, &contact, &mut self.positions);
         true
     }
 
@@ -68,6 +57,12 @@ impl Fields {
         let moved = |n: u32| (self.positions[n as usize] - body.nodes()[n as usize].position).as_vec3();
         numbers.into_iter().zip(surface.area_coordinates[vertex]).map(|(n, share)| moved(n) * share).sum()
     }
+}
+
+fn contact_state(state: &Shown) -> Option<ContactState> {
+    let contact = state.contact.as_ref()?;
+    let at = SurfacePoint { element: contact.element, n: contact.n };
+    Some(ContactState { at, tool_m: state.tool_m() })
 }
 
 /// Puts the vertices where they are in a state; at rest where nothing is touched. Positions and normals have the order of
@@ -85,21 +80,21 @@ pub fn deform(
         into.normals.clone_from(&surface.normals);
     }
     into.is_deformed = false;
-    let Some(dimple) = state.and_then(|state| Dimple::of(body, surface, state)) else { return };
+    let contact = state.and_then(contact_state);
+    let Some((contact, dimple)) = contact.and_then(|c| Some((c, c.dimple(body)?))) else { return };
+    let ball = Ball::of(body, surface, &contact);
     into.is_deformed = true;
     into.moved.clear();
     into.moved.resize(surface.positions.len(), false);
     let fields =
         fields.zip(state).and_then(|(fields, state)| fields.displace(body, state).then_some(&*fields));
     for (v, (p, n)) in surface.positions.iter().zip(&surface.normals).enumerate() {
-        let moved = match &fields {
-            Some(fields) => {
-                let by = fields.at(body, surface, v);
-                (by.length() > SEEN).then(|| dimple.out_of_the_ball(*p + by).unwrap_or(*p + by))
-            }
-            None => dimple.at(*p, *n),
+        let by = match &fields {
+            Some(fields) => fields.at(body, surface, v),
+            None => dimple.displacement(surface.origin + p.as_dvec3(), -n.as_dvec3()).as_vec3(),
         };
-        if let Some(moved) = moved {
+        let moved = ball.as_ref().map_or(*p + by, |ball| ball.out_of(*p + by));
+        if moved.distance(*p) > SEEN {
             into.positions[v] = moved;
             into.moved[v] = true;
         }
@@ -136,94 +131,40 @@ fn turn_normals(surface: &DrawnSurface, into: &mut Deformed) {
     }
 }
 
-/// A dimple around a contact point, m from the surface's origin.
-struct Dimple {
-    /// Contact point at rest.
+/// A tool that is a ball, m from the surface's origin.
+struct Ball {
     centre: Vec3,
-    /// Unit vector into the body.
+    radius: f32,
+    /// Unit vector into the body at the contact point.
     inward: Vec3,
-    /// What the contact point is displaced by: to the tool's tip.
-    way: Vec3,
-    /// Radius of the contact patch.
-    patch: f32,
-    /// Where the dimple ends.
-    reach: f32,
-    /// The tool as a ball: its centre and radius; a tip without extent has none.
-    ball: Option<(Vec3, f32)>,
 }
 
-impl Dimple {
-    fn of(body: &Body, surface: &DrawnSurface, state: &Shown) -> Option<Self> {
-        let contact = state.contact.as_ref()?;
-        let depth = contact.delta_z_m as f32;
-        if !(depth > 0.0 && depth.is_finite()) {
-            return None;
-        }
-        let local = |p: glam::DVec3| (p - surface.origin).as_vec3();
-        let centre = local(contact.position_m.into());
-        let tip = local(place::tip_m(body, contact, state.tool_m()));
-        let inward = place::inward(body, contact).as_vec3();
-        let way = tip - centre;
-        if !way.is_finite() || inward == Vec3::ZERO {
-            return None;
-        }
-        let radius = match body.tool() {
-            Tool::Sphere { radius_m } => *radius_m as f32,
-            _ => POINT * depth,
-        };
-        let patch = (radius * depth).sqrt().max(PATCH_MIN * depth);
-        let reach = (REACH * patch).min(REACH_MAX * surface.radius as f32).max(1.5 * patch);
-        let ball = matches!(body.tool(), Tool::Sphere { .. }).then(|| (local(state.tool_m()), radius));
-        Some(Dimple { centre, inward, way, patch, reach, ball })
-    }
-
-    /// Where a vertex goes that lies at `p` with normal `n` at rest; `None` if it stays.
-    fn at(&self, p: Vec3, n: Vec3) -> Option<Vec3> {
-        let from = p - self.centre;
-        let distance = from.length();
-        if distance >= self.reach {
-            return self.out_of_the_ball(p);
-        }
-        // The far side of a thin body is not the surface that is pressed.
-        let faces = smooth((-n.dot(self.inward) + 0.3) / 0.6);
-        let left = 1.0 - (distance / self.reach).powi(2);
-        let share = hertz(distance / self.patch) * left * left * faces;
-        let moved = p + self.way * share;
-        Some(self.out_of_the_ball(moved).unwrap_or(moved))
+impl Ball {
+    fn of(body: &Body, surface: &DrawnSurface, contact: &ContactState) -> Option<Self> {
+        let Tool::Sphere { radius_m } = body.tool() else { return None };
+        Some(Ball {
+            centre: (contact.tool_m - surface.origin).as_vec3(),
+            radius: *radius_m as f32,
+            inward: body.inward(contact.at).as_vec3(),
+        })
     }
 
     /// A vertex inside of the tool comes out of it on the side that the tool is pressed towards.
-    fn out_of_the_ball(&self, p: Vec3) -> Option<Vec3> {
-        let (centre, radius) = self.ball?;
-        let from = p - centre;
-        if from.length_squared() >= radius * radius {
-            return None;
+    fn out_of(&self, p: Vec3) -> Vec3 {
+        let from = p - self.centre;
+        if from.length_squared() >= self.radius * self.radius {
+            return p;
         }
-        let along = from.dot(self.inward);
-        let aside = from - self.inward * along;
-        let out = (radius * radius - aside.length_squared()).max(0.0).sqrt();
-        Some(centre + aside + self.inward * out)
+        let aside = from - self.inward * from.dot(self.inward);
+        let out = (self.radius * self.radius - aside.length_squared()).max(0.0).sqrt();
+        self.centre + aside + self.inward * out
     }
-}
-
-/// The displacement of a half-space under a ball at r/a from the middle of a patch of radius a, in parts of the depth.
-fn hertz(x: f32) -> f32 {
-    if x <= 1.0 {
-        return 1.0 - 0.5 * x * x;
-    }
-    let square = x * x;
-    std::f32::consts::FRAC_1_PI * ((2.0 - square) * (1.0 / x).asin() + (square - 1.0).sqrt())
-}
-
-/// From 0 to 1 with both slopes 0.
-fn smooth(x: f32) -> f32 {
-    let x = x.clamp(0.0, 1.0);
-    x * x * (3.0 - 2.0 * x)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::place;
     use glam::DVec3;
     use palpate::body::shape::{Resolution, Shape};
     use palpate::body::{
@@ -248,15 +189,6 @@ mod tests {
             shown = Some(Shown::of_step(s, tool, &contact.step(body, &tool, 1e-3), 1.0));
         }
         shown.unwrap()
-    }
-
-    #[test]
-    fn the_half_space_s_displacement_is_smooth_at_the_patch_and_falls() {
-        assert!((hertz(1.0) - 0.5).abs() < 1e-6 && (hertz(1.0 + 1e-4) - 0.5).abs() < 1e-3);
-        let values: Vec<f32> = (0..200).map(|i| hertz(i as f32 * 0.1)).collect();
-        assert!(values.windows(2).all(|w| w[1] < w[0]), "{values:?}");
-        // Far away like a point force: 4/(3π) a/r.
-        assert!((hertz(15.0) * 15.0 - 4.0 / (3.0 * std::f32::consts::PI)).abs() < 0.02);
     }
 
     /// The tool's tip lies on the surface, no vertex inside of the tool by 2 % of the depth, and no triangle is turned over.

@@ -10,7 +10,7 @@ use eframe::egui::{self, Key, Modifiers, PointerButton};
 use glam::DVec2;
 
 /// What keys do, for the help: (keys, what).
-pub const KEYS: [(&str, &str); 24] = [
+pub const KEYS: [(&str, &str); 25] = [
     ("Space", "stop: no force, whatever has the focus"),
     ("R", "start again, with the mouse as tool"),
     ("P", "pause, or go on"),
@@ -29,6 +29,7 @@ pub const KEYS: [(&str, &str); 24] = [
     ("I", "interpolation of coordinates on or off"),
     ("O", "interpolation of responses on or off"),
     ("U", "next slip rule"),
+    ("H", "hear how fast the force changes, or not"),
     ("L", "play the recording, or stop"),
     (",  .", "one period back, one on"),
     ("Ctrl + Z, Ctrl + Y", "undo, redo"),
@@ -136,6 +137,7 @@ pub fn keys(ctx: &egui::Context, viewer: &Viewer) -> Vec<Event> {
             (Key::I, Event::Change(Settings { coordinates: !settings.coordinates, ..settings })),
             (Key::O, Event::Change(Settings { responses: !settings.responses, ..settings })),
             (Key::U, Event::Change(next_rule(viewer))),
+            (Key::H, Event::Change(Settings { sound: !settings.sound, ..settings })),
         ];
         let views = [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7];
         let views = views.into_iter().zip(StandardView::ALL.map(Event::Look));

@@ -21,6 +21,7 @@
 //! # Ok::<(), String>(())
 //! ```
 
+pub mod animation;
 pub mod camera;
 pub mod colouring;
 pub mod command;
@@ -38,6 +39,8 @@ pub mod scene;
 pub mod settings;
 pub mod shown;
 pub mod solid;
+pub mod sound;
+pub mod speaker;
 pub mod state;
 pub mod still;
 pub mod subject;

@@ -1,5 +1,7 @@
 //! Colours: maps that most eyes tell apart and that read in grey, and the window's own.
 
+use palpate::colours;
+
 /// Red, green, blue as a screen has them, 0 to 1.
 pub type Rgb = [f32; 3];
 
@@ -12,19 +14,6 @@ pub enum ColourMap {
     Diverging,
 }
 
-/// Viridis at nine even places (van der Walt and Smith 2015).
-const VIRIDIS: [[u8; 3]; 9] = [
-    [68, 1, 84],
-    [71, 44, 122],
-    [59, 81, 139],
-    [44, 113, 142],
-    [33, 144, 141],
-    [39, 173, 129],
-    [92, 200, 99],
-    [170, 220, 50],
-    [253, 231, 37],
-];
-
 /// Blue and orange differ to every common kind of colour blindness.
 const DIVERGING: [[u8; 3]; 5] =
     [[20, 80, 150], [110, 165, 215], [240, 240, 238], [240, 165, 85], [175, 80, 10]];
@@ -35,17 +24,11 @@ impl ColourMap {
         if share.is_nan() {
             return [0.55, 0.55, 0.55];
         }
-        let stops: &[[u8; 3]] = match self {
-            ColourMap::Viridis => &VIRIDIS,
-            ColourMap::Diverging => &DIVERGING,
+        let colour = match self {
+            ColourMap::Viridis => colours::viridis(share),
+            ColourMap::Diverging => colours::between(&DIVERGING, share),
         };
-        let x = share.clamp(0.0, 1.0) * (stops.len() - 1) as f64;
-        let i = (x as usize).min(stops.len() - 2);
-        let t = (x - i as f64) as f32;
-        std::array::from_fn(|c| {
-            let (a, b) = (f32::from(stops[i][c]), f32::from(stops[i + 1][c]));
-            (a + (b - a) * t) / 255.0
-        })
+        colour.map(|c| c as f32)
     }
 }
 
@@ -128,23 +111,9 @@ impl Theme {
     }
 }
 
-/// What is lightest of a colour to the eye, 0 to 1 (Rec. 709).
-#[cfg(test)]
-fn luminance(colour: Rgb) -> f32 {
-    let [r, g, b] = colour.map(|c| c.powf(2.2));
-    0.2126 * r + 0.7152 * g + 0.0722 * b
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn viridis_gets_lighter_all_the_way() {
-        let all: Vec<f32> =
-            (0..=100).map(|i| luminance(ColourMap::Viridis.at(f64::from(i) / 100.0))).collect();
-        assert!(all.windows(2).all(|w| w[1] > w[0]), "{all:?}");
-    }
 
     #[test]
     fn what_is_outside_has_the_end_s_colour() {

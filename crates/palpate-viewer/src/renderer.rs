@@ -136,8 +136,10 @@ struct Draws {
 impl Renderer {
     /// On this device, for windows of this format, with so many samples a pixel: 1 or 4.
     pub fn new(device: &wgpu::Device, window: wgpu::TextureFormat, samples: u32) -> Self {
-        let scene_shader = device.create_shader_module(wgpu::include_wgsl!("scene.wgsl"));
-        let blit_shader = device.create_shader_module(wgpu::include_wgsl!("blit.wgsl"));
+        let scene_shader =
+            shader(device, "scene", concat!(include_str!("scene.wgsl"), include_str!("whole.wgsl")));
+        let blit_shader =
+            shader(device, "blit", concat!(include_str!("blit.wgsl"), include_str!("whole.wgsl")));
         let uniforms = device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("scene"),
             size: size_of::<Uniforms>() as u64,
@@ -500,6 +502,12 @@ impl CallbackTrait for View {
             pass.draw(0..3, 0..1);
         }
     }
+}
+
+/// A module of the scene's programs, each beside what they share.
+fn shader(device: &wgpu::Device, name: &str, text: &str) -> wgpu::ShaderModule {
+    let source = wgpu::ShaderSource::Wgsl(text.into());
+    device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(name), source })
 }
 
 /// Lets a window's renderer draw scenes.

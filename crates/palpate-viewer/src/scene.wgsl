@@ -96,20 +96,6 @@ fn hidden(in: Surface) -> @location(0) vec4<f32> {
     return vec4<f32>(lit(in.place, in.normal, in.colour.rgb, 0.0), 0.5);
 }
 
-struct Whole {
-    @builtin(position) clip: vec4<f32>,
-    @location(0) place: vec2<f32>,
-};
-
-@vertex
-fn whole(@builtin(vertex_index) i: u32) -> Whole {
-    var out: Whole;
-    let place = vec2<f32>(f32((i << 1u) & 2u), f32(i & 2u));
-    out.clip = vec4<f32>(place * 2.0 - 1.0, 0.0, 1.0);
-    out.place = vec2<f32>(place.x, 1.0 - place.y);
-    return out;
-}
-
 @fragment
 fn ground(in: Whole) -> @location(0) vec4<f32> {
     return vec4<f32>(mix(scene.ground_above.rgb, scene.ground_below.rgb, in.place.y), 1.0);

@@ -37,6 +37,8 @@ pub struct Settings {
     pub press_depth_m: f64,
     /// The largest force, N.
     pub force_max_n: f64,
+    /// Whether one hears how fast the force changes.
+    pub sound: bool,
 }
 
 impl Default for Settings {
@@ -56,12 +58,15 @@ impl Default for Settings {
             hand: "fingers",
             press_depth_m: 5e-3,
             force_max_n: palpate::runtime::GENTLE_N,
+            sound: false,
         }
     }
 }
 
 /// How deep a hand may want to press, m.
 pub const DEPTHS_M: [f64; 2] = [0.5e-3, 50e-3];
+/// What the largest force may be, N.
+pub const FORCES_MAX_N: [f64; 2] = [0.1, 20.0];
 
 impl Settings {
     /// Interpolations taken away.
@@ -94,7 +99,7 @@ impl Settings {
         self.press_depth_m = within(self.press_depth_m, DEPTHS_M, default.press_depth_m);
         self.colour_depth_m = within(self.colour_depth_m, [0.0, DEPTHS_M[1]], default.colour_depth_m);
         self.friction_scale = within(self.friction_scale, [0.0, 100.0], 1.0);
-        self.force_max_n = within(self.force_max_n, [0.1, 100.0], default.force_max_n);
+        self.force_max_n = within(self.force_max_n, FORCES_MAX_N, default.force_max_n);
         if let Some(section) = &mut self.section {
             section.axis = section.axis.min(2);
             section.share = within(section.share, [0.0, 1.0], 0.5);
@@ -203,7 +208,7 @@ mod tests {
             ..Settings::default()
         };
         let tame = wild.checked();
-        assert_eq!((tame.press_depth_m, tame.friction_scale, tame.force_max_n), (5e-3, 0.0, 100.0));
+        assert_eq!((tame.press_depth_m, tame.friction_scale, tame.force_max_n), (5e-3, 0.0, 20.0));
         assert_eq!(tame.section.map(|s| (s.axis, s.share)), Some((2, 1.0)));
     }
 }

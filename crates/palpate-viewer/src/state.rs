@@ -15,7 +15,7 @@ use crate::touch::Touch;
 use crate::work::{Done, Work};
 use glam::{DVec2, DVec3};
 use palpate::runtime::{Outcome, Record, SessionConfig, Summary};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What can happen to a viewer.
 #[derive(Debug, Clone, PartialEq)]
@@ -72,6 +72,8 @@ pub enum Event {
     Cancel,
     /// Go on with what was cancelled.
     GoOn,
+    /// Leave off the simulation that is under way, and do what was asked for instead.
+    Instead,
     /// Help, or none.
     Help,
     /// Away with whatever lies over the window.
@@ -147,6 +149,8 @@ pub struct Viewer {
     /// What to do again where it was cancelled.
     unfinished: Option<[PathBuf; 2]>,
     question: Option<MeshQuestion>,
+    /// What was asked for while a simulation is under way, which it would end.
+    instead: Option<Event>,
     message: Option<Message>,
     is_help_shown: bool,
     aspect: f64,
@@ -159,8 +163,14 @@ pub struct Viewer {
     /// A recording that is read as soon as the body is there.
     to_read: Option<PathBuf>,
     watched: Option<Outcome>,
+    /// The latest period of a session, as of the last tick: all of a picture is of one moment.
+    latest: Option<Record>,
     /// Whether a body that is opened is touched at once.
     pub touches: bool,
+    /// What the mouse does is recorded into this file, by further sessions into `FILE-2` and on.
+    pub record: Option<PathBuf>,
+    /// Sessions that were recorded.
+    recorded: u32,
 }
 
 impl Default for Viewer {
@@ -175,6 +185,7 @@ impl Default for Viewer {
             work: None,
             unfinished: None,
             question: None,
+            instead: None,
             message: None,
             is_help_shown: false,
             aspect: 1.0,
@@ -185,7 +196,10 @@ impl Default for Viewer {
             to_watch: None,
             to_read: None,
             watched: None,
+            latest: None,
             touches: true,
+            record: None,
+            recorded: 0,
         }
     }
 }
@@ -264,6 +278,7 @@ impl Viewer {
                 }
             }
             Event::Open(path) => self.open(path),
+            Event::Example(_) if self.is_simulating() => self.instead = Some(event),
             Event::Example(example) => self.begin(Work::make_example(example)),
             Event::Gallery => {
                 self.end_activity();
@@ -292,6 +307,7 @@ impl Viewer {
                     self.question = Some(question);
                 }
             }
+            Event::Make if self.is_simulating() => self.instead = Some(event),
             Event::Make => self.make(),
             Event::Cancel => {
                 if let Some(work) = self.work.as_ref().filter(|w| w.can_cancel) {
@@ -299,9 +315,18 @@ impl Viewer {
                 }
             }
             Event::GoOn => self.go_on(),
+            Event::Instead => {
+                if let Some(event) = self.instead.take() {
+                    self.work = None;
+                    self.take(event);
+                }
+            }
             Event::Help => self.is_help_shown = !self.is_help_shown,
             Event::Dismiss => {
-                if self.message.take().is_none() && !std::mem::take(&mut self.is_help_shown) {
+                if self.message.take().is_none()
+                    && self.instead.take().is_none()
+                    && !std::mem::take(&mut self.is_help_shown)
+                {
                     self.question = None;
                 }
             }
@@ -342,7 +367,18 @@ impl Viewer {
         if wants_anew {
             self.start();
         }
+        self.hear();
         self.lead();
+    }
+
+    /// The session is heard, or not, as is wished; where it can't be, it is said once.
+    fn hear(&mut self) {
+        if let Activity::Touch(touch) = &mut self.activity
+            && let Err(text) = touch.hear(self.settings.sound)
+        {
+            self.settings.sound = false;
+            self.message = Some(Message { title: "There is no sound".into(), text });
+        }
     }
 
     /// A session with the mouse as tool, in place of whatever there was.
@@ -362,7 +398,9 @@ impl Viewer {
             let [point, into] = place.unwrap_or([top, DVec3::NEG_Z]);
             point - into * (HOVER_M + subject.body.tool().radius_m())
         });
-        let led = Touch::led(&subject.session_body(), &self.settings, at);
+        let record = self.record.as_ref().map(|file| numbered(file, self.recorded + 1));
+        let led = Touch::led(&subject.session_body(), &self.settings, at, record);
+        self.recorded += u32::from(led.is_ok());
         self.begin_touch(led);
         self.lead();
     }
@@ -373,6 +411,8 @@ impl Viewer {
             Err(text) => self.message = Some(Message { title: "The session can't begin".into(), text }),
         }
         (self.records, self.summary, self.refreshed_s) = (Vec::new(), None, f64::NEG_INFINITY);
+        self.latest = None;
+        self.hear();
     }
 
     fn end_activity(&mut self) {
@@ -410,6 +450,8 @@ impl Viewer {
     fn open(&mut self, path: PathBuf) {
         match kind_of(&path) {
             Err(text) => self.message = Some(Message { title: "This can't be opened".into(), text }),
+            Ok(Kind::Mesh) => self.question = Some(MeshQuestion::new(path)),
+            Ok(_) if self.is_simulating() => self.instead = Some(Event::Open(path)),
             Ok(Kind::Body) => self.begin(Work::open_body(path)),
             Ok(Kind::Recording) => match &self.subject {
                 Some(subject) => {
@@ -424,7 +466,6 @@ impl Viewer {
                     self.message = Some(Message { title: "Which body?".into(), text });
                 }
             },
-            Ok(Kind::Mesh) => self.question = Some(MeshQuestion::new(path)),
             Ok(Kind::Spec) => {
                 let absolute = std::path::absolute(&path).unwrap_or(path);
                 let own = format!("{}-palpate", crate::work::stem_of(&absolute));
@@ -458,6 +499,11 @@ impl Viewer {
         self.unfinished = Some([spec, folder]);
     }
 
+    /// Whether something is under way that took time, and would be lost.
+    fn is_simulating(&self) -> bool {
+        self.work.as_ref().is_some_and(|w| w.can_cancel && !w.is_cancelled())
+    }
+
     /// Whatever was under way is left off.
     fn begin(&mut self, work: Work) {
         self.unfinished = None;
@@ -475,6 +521,10 @@ impl Viewer {
         match &mut self.activity {
             Activity::Playback(playback) => playback.advance(if dt.is_finite() { dt } else { 0.0 }),
             Activity::Touch(touch) => {
+                self.latest = touch.latest();
+                if let Some(text) = touch.session().recording_trouble() {
+                    self.message = Some(Message { title: "The recording has ended early".into(), text });
+                }
                 if self.now_s - self.refreshed_s >= REFRESH_S {
                     self.refreshed_s = self.now_s;
                     self.records = touch.history();
@@ -491,11 +541,15 @@ impl Viewer {
     }
 
     fn came(&mut self, done: Done) {
+        // There is nothing left to ask about.
+        self.instead = None;
         match done {
             Done::Body(opened) => {
                 self.end_activity();
                 self.unfinished = None;
                 self.hand = Hand::default();
+                // What was chosen for one body is not undone on another.
+                self.undo = Undo::default();
                 let subject = Subject::new(*opened, &self.settings);
                 self.camera = subject.camera();
                 let depth = crate::place::depth_range_m(&subject.body);
@@ -567,7 +621,7 @@ impl Viewer {
         match &self.activity {
             Activity::Rest => None,
             Activity::Still(still) => still.states.last().copied(),
-            Activity::Touch(touch) => touch.latest().as_ref().map(Shown::of_record),
+            Activity::Touch(_) => self.latest.as_ref().map(Shown::of_record),
             Activity::Playback(playback) => playback.record().map(Shown::of_record),
         }
     }
@@ -650,6 +704,14 @@ impl Viewer {
         }
     }
 
+    /// The state that a command asked for.
+    pub fn still(&self) -> Option<&Still> {
+        match &self.activity {
+            Activity::Still(still) => Some(still),
+            _ => None,
+        }
+    }
+
     /// Percentiles and counts of the session.
     pub fn summary(&self) -> Option<&Summary> {
         self.summary.as_ref()
@@ -675,6 +737,11 @@ impl Viewer {
         self.question.as_ref()
     }
 
+    /// What was asked for while a simulation is under way: it would end that.
+    pub fn instead(&self) -> Option<&Event> {
+        self.instead.as_ref()
+    }
+
     /// What has to be said.
     pub fn message(&self) -> Option<&Message> {
         self.message.as_ref()
@@ -692,9 +759,18 @@ impl Viewer {
             Activity::Playback(playback) => playback.is_playing,
             Activity::Rest | Activity::Still(..) => false,
         };
-        let bounds = self.settings.colouring.is_by_element();
+        let bounds = self.subject.as_ref().is_some_and(Subject::is_bounding);
         moves || bounds || self.work.is_some()
     }
+}
+
+/// The file itself for the first session; a name with a number before its extension for others.
+fn numbered(file: &Path, session: u32) -> PathBuf {
+    if session <= 1 {
+        return file.to_path_buf();
+    }
+    let extension = file.extension().map_or(String::new(), |e| format!(".{}", e.to_string_lossy()));
+    file.with_file_name(format!("{}-{session}{extension}", crate::work::stem_of(file)))
 }
 
 impl Drop for Viewer {

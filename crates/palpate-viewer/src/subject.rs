@@ -108,6 +108,11 @@ impl Subject {
         self.certificate.as_ref().map(Certificate::bounds)
     }
 
+    /// Whether bounds of the certificate are still coming.
+    pub fn is_bounding(&self) -> bool {
+        self.certificate.as_ref().is_some_and(|c| !c.is_over())
+    }
+
     /// Colours it anew where settings ask for other colours; true if it did.
     pub fn colour(&mut self, settings: &Settings) -> bool {
         let colouring = settings.colouring;
@@ -139,6 +144,10 @@ impl Subject {
         let depth = settings.colour_depth_m;
         self.coloured =
             colouring::colour(&self.body, &self.surface, colouring, depth, bounds.as_deref(), settings.theme);
+        let trouble = self.certificate.as_ref().and_then(Certificate::trouble);
+        if let (Some(legend), Some(trouble)) = (&mut self.coloured.legend, trouble) {
+            legend.note = trouble;
+        }
         let shown = self.shown.take();
         self.draw_again(shown);
         true

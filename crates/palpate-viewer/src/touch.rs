@@ -5,6 +5,7 @@
 //! a spring: the tool lags by the force over its stiffness, so that stiffness is seen.
 
 use crate::settings::Settings;
+use crate::speaker::Speaker;
 use glam::DVec3;
 use palpate::device::simulated::{Lead, figures};
 use palpate::device::{Simulated, presets};
@@ -12,6 +13,7 @@ use palpate::runtime::{
     ClockChoice, Controls, History, LiveSession, Outcome, Patience, PreparedSession, RealTime, Record,
     Safety, SessionBody, SessionConfig, WorkspaceSettings,
 };
+use std::path::PathBuf;
 
 /// Periods a second that panels get, and for how long, s.
 pub const HISTORY: History = History { rate_hz: 200.0, seconds: 12.0 };
@@ -30,14 +32,22 @@ pub struct Touch {
     pub force_max_n: f64,
     is_paused: bool,
     stopped: bool,
+    /// Plays how fast the force changes.
+    speaker: Option<Speaker>,
 }
 
 impl Touch {
-    /// A session with the mouse as tool, on `body`, with the hand beginning at `at`, m in the body's frame.
+    /// A session with the mouse as tool, on `body`, with the hand beginning at `at`, m in the body's frame; recorded into a file
+    /// that is not there yet, or not.
     ///
     /// # Errors
     /// What the session refuses, in words.
-    pub fn led(body: &SessionBody, settings: &Settings, at: DVec3) -> Result<Self, String> {
+    pub fn led(
+        body: &SessionBody,
+        settings: &Settings,
+        at: DVec3,
+        record: Option<PathBuf>,
+    ) -> Result<Self, String> {
         let name = settings.device;
         let capabilities = presets::device(name)
             .ok_or_else(|| format!("{name}: give one of {}", presets::DEVICES.join(", ")))?;
@@ -68,6 +78,7 @@ impl Touch {
             // The window wants the machine too, and nobody feels a simulated device.
             real_time: RealTime { priority: None, core: None, lock_memory: false, spin_s: 0.0 },
             history: HISTORY,
+            record,
             ..SessionConfig::default()
         };
         let prepared = PreparedSession::with_device(body.clone(), Box::new(device), config, None);
@@ -79,6 +90,7 @@ impl Touch {
             force_max_n: settings.force_max_n,
             is_paused: false,
             stopped: false,
+            speaker: None,
         })
     }
 
@@ -91,7 +103,15 @@ impl Touch {
         let force_max_n = config.safety.force_max_n.unwrap_or(palpate::runtime::GENTLE_N);
         let prepared = PreparedSession::new(body.clone(), config, None);
         let session = prepared.and_then(PreparedSession::start).map_err(|e| e.to_string())?;
-        Ok(Touch { session, lead: None, hand_n_per_m: 0.0, force_max_n, is_paused: false, stopped: false })
+        Ok(Touch {
+            session,
+            lead: None,
+            hand_n_per_m: 0.0,
+            force_max_n,
+            is_paused: false,
+            stopped: false,
+            speaker: None,
+        })
     }
 
     /// The latest period.
@@ -136,6 +156,22 @@ impl Touch {
             self.session.set_slip_rule(rule).map_err(|e| e.to_string())?;
         }
         Ok(true)
+    }
+
+    /// Lets its sound be heard, or not.
+    ///
+    /// # Errors
+    /// There is no loudspeaker, in words.
+    pub fn hear(&mut self, hears: bool) -> Result<(), String> {
+        match (hears, &self.speaker) {
+            (true, None) => self.speaker = Some(Speaker::of(&self.session)?),
+            (false, Some(_)) => {
+                self.session.listen(None);
+                self.speaker = None;
+            }
+            _ => {}
+        }
+        Ok(())
     }
 
     /// Leads the hand, m in the body's frame.

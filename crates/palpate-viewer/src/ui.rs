@@ -244,6 +244,9 @@ fn over(viewer: &Viewer, ctx: &egui::Context, events: &mut Vec<Event>) {
     if let Some(question) = viewer.question() {
         panels::dialogs::mesh(question, ctx, events);
     }
+    if let (Some(instead), Some(work)) = (viewer.instead(), viewer.work()) {
+        panels::dialogs::instead(instead, work, ctx, events);
+    }
     if let Some(message) = viewer.message() {
         panels::dialogs::message(viewer, message, ctx, events);
     }

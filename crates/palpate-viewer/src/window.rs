@@ -14,10 +14,12 @@ const PERIOD: Duration = Duration::from_millis(16);
 /// And while nothing does: what is under way may end.
 const IDLE: Duration = Duration::from_millis(200);
 
+/// Whether the end was asked for from outside, as by a signal. It sees each picture's viewer before it is drawn.
+pub type Ends = Box<dyn FnMut(&Viewer) -> bool>;
+
 struct App {
     viewer: Viewer,
-    /// Whether the end was asked for from outside, as by a signal.
-    is_asked: Box<dyn Fn() -> bool>,
+    ends: Ends,
     began: Instant,
     /// What a watched session came to, once the window is closed.
     outcome: Arc<Mutex<Option<Outcome>>>,
@@ -26,7 +28,7 @@ struct App {
 impl eframe::App for App {
     fn ui(&mut self, ui: &mut egui::Ui, _frame: &mut eframe::Frame) {
         self.viewer.tick(self.began.elapsed().as_secs_f64());
-        if (self.is_asked)() {
+        if (self.ends)(&self.viewer) {
             ui.ctx().send_viewport_cmd(egui::ViewportCommand::Close);
         }
         let events = ui::show(&self.viewer, ui);
@@ -58,15 +60,11 @@ pub fn display() -> Result<(), String> {
         .into())
 }
 
-/// Opens a window on this viewer, and waits until it is closed or `is_asked` comes true. What a watched session came to, if one was.
+/// Opens a window on this viewer, and waits until it is closed or `ends` comes true. What a watched session came to, if one was.
 ///
 /// # Errors
 /// There is no display, or nothing to draw with.
-pub fn open(
-    viewer: Viewer,
-    first: Vec<Event>,
-    is_asked: Box<dyn Fn() -> bool>,
-) -> Result<Option<Outcome>, String> {
+pub fn open(viewer: Viewer, first: Vec<Event>, ends: Ends) -> Result<Option<Outcome>, String> {
     display()?;
     let outcome = Arc::new(Mutex::new(None));
     let theirs = outcome.clone();
@@ -90,7 +88,7 @@ pub fn open(
             let is_program = state.adapter.get_info().device_type == wgpu::DeviceType::Cpu;
             // A program in place of a card has no time for four samples a pixel.
             renderer::install(state, if is_program { 1 } else { 4 });
-            Ok(Box::new(App { viewer, is_asked, began: Instant::now(), outcome: theirs }))
+            Ok(Box::new(App { viewer, ends, began: Instant::now(), outcome: theirs }))
         }),
     );
     opened.map_err(|e| {

@@ -7,11 +7,12 @@ use palpate::build::Progress;
 use palpate::build::precompute::{Stopped, body_of_spec};
 use palpate::engine::certify::{Assumptions, Bounds, Criterion, Effort, ElementStates, least};
 use palpate::runtime::BodyFile;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread;
+use std::thread::{self, JoinHandle};
 
 /// What came of it.
 #[derive(Debug)]
@@ -191,20 +192,16 @@ fn told(stopped: Stopped, folder: &Path) -> Done {
     }
 }
 
+/// In a folder that goes with it: it takes half a minute, and begins anew where it was cancelled.
 fn simulated_ball(meter: &Meter, cancelled: &AtomicBool) -> Result<Body, Done> {
-    let failed = |e: std::io::Error| Done::Failed(format!("a folder for temporary files: {e}; set TMPDIR"));
-    let folder = std::env::temp_dir().join(format!("palpate-ball-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).map_err(failed)?;
-    let spec = folder.join("ball.toml");
-    let made = std::fs::write(&spec, BALL_SPEC).map_err(failed).and_then(|()| {
-        body_of_spec(&spec, Some(&folder), cores(), meter, cancelled)
-            .map_err(|stopped| told(stopped, &folder))
-    });
-    // A cancelled one goes on from there.
-    if made.is_ok() {
-        let _ = std::fs::remove_dir_all(&folder);
-    }
-    made
+    let failed = |e: io::Error| Done::Failed(format!("a folder for temporary files: {e}; set TMPDIR"));
+    let folder = tempfile::tempdir().map_err(failed)?;
+    let spec = folder.path().join("ball.toml");
+    std::fs::write(&spec, BALL_SPEC).map_err(failed)?;
+    body_of_spec(&spec, Some(folder.path()), cores(), meter, cancelled).map_err(|stopped| match stopped {
+        Stopped::Error(e) => Done::Failed(palpate::files::message(&e)),
+        Stopped::Cancelled { .. } => Done::Cancelled("The ball is made anew when it is chosen again.".into()),
+    })
 }
 
 fn cores() -> usize {
@@ -213,10 +210,9 @@ fn cores() -> usize {
 }
 
 fn opened(path: &Path) -> Result<Opened, String> {
-    let body = Body::open(path).map_err(|e| e.to_string())?;
-    let sha256 = palpate::files::sha256(path).map_err(|e| palpate::files::message(&e))?;
-    let name = name_of(path);
-    Ok(Opened { body, name: name.clone(), file: BodyFile { name, sha256 } })
+    let open = || Body::open(path).map_err(anyhow::Error::from);
+    let (body, file) = BodyFile::read_with(path, true, open).map_err(|e| palpate::files::message(&e))?;
+    Ok(Opened { body, name: file.name.clone(), file })
 }
 
 /// Why a recording of one body can't be shown on another.
@@ -245,6 +241,8 @@ pub fn stem_of(path: &Path) -> String {
 pub struct Certificate {
     bounds: Arc<Mutex<Vec<Bounds>>>,
     cancelled: Arc<AtomicBool>,
+    /// Where the system gave one.
+    thread: io::Result<JoinHandle<()>>,
     /// For which settings.
     pub assumptions: Assumptions,
 }
@@ -258,7 +256,7 @@ impl Certificate {
         let bounds = Arc::new(Mutex::new(Vec::new()));
         let cancelled = Arc::new(AtomicBool::new(false));
         let (its_bounds, its_flag) = (bounds.clone(), cancelled.clone());
-        let _ = thread::Builder::new().name("viewer-certificate".into()).spawn(move || {
+        let thread = thread::Builder::new().name("viewer-certificate".into()).spawn(move || {
             for element in 0..body.elements().len() as u32 {
                 if its_flag.load(Ordering::Relaxed) {
                     return;
@@ -269,7 +267,7 @@ impl Certificate {
                 its_bounds.lock().unwrap_or_else(PoisonError::into_inner).push(bound);
             }
         });
-        Certificate { bounds, cancelled, assumptions }
+        Certificate { bounds, cancelled, thread, assumptions }
     }
 
     /// Of the first elements, as far as they are known.
@@ -285,6 +283,19 @@ impl Certificate {
     /// Whether none is.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// Whether no more will come.
+    pub fn is_over(&self) -> bool {
+        self.thread.as_ref().map_or(true, JoinHandle::is_finished)
+    }
+
+    /// Why none will come, if it can't be begun.
+    pub fn trouble(&self) -> Option<String> {
+        let e = self.thread.as_ref().err()?;
+        Some(format!(
+            "Not bounded: the system gives no thread ({e}); close something, and choose the colouring again."
+        ))
     }
 }
 

@@ -5,7 +5,7 @@ mod common;
 
 use eframe::egui::{self, Key, Modifiers, PointerButton, pos2, vec2};
 use palpate_viewer::gallery::Example;
-use palpate_viewer::{Event, Viewer, ui};
+use palpate_viewer::{Event, Settings, Viewer, ui};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -44,7 +44,7 @@ impl egui::DroppedFile for Dropped {
     }
 }
 
-const KEYS: [Key; 36] = [
+const KEYS: [Key; 37] = [
     Key::Space,
     Key::R,
     Key::P,
@@ -64,6 +64,7 @@ const KEYS: [Key; 36] = [
     Key::O,
     Key::U,
     Key::L,
+    Key::H,
     Key::N,
     Key::G,
     Key::Z,
@@ -91,10 +92,16 @@ struct Driven {
 }
 
 impl Driven {
-    fn new(viewer: Viewer) -> Self {
+    fn new() -> Self {
         let ctx = egui::Context::default();
         ui::set_up(&ctx);
-        Driven { ctx, viewer, time_s: 0.0, size: vec2(1000.0, 700.0) }
+        Driven { ctx, viewer: Viewer::default(), time_s: 0.0, size: vec2(1000.0, 700.0) }
+    }
+
+    /// Another viewer, in a window that remembers nothing but its letters, which take long to be drawn.
+    fn begin(&mut self, viewer: Viewer) {
+        self.ctx.memory_mut(|memory| *memory = egui::Memory::default());
+        (self.viewer, self.size) = (viewer, vec2(1000.0, 700.0));
     }
 
     fn frame(&mut self, events: Vec<egui::Event>, dropped: Option<PathBuf>, modifiers: Modifiers) {
@@ -131,6 +138,7 @@ impl Driven {
                 "read ",
                 "goes on",
                 "install ",
+                "hear ",
                 "or a damaged one",
             ];
             assert!(says.iter().any(|w| message.text.contains(w)), "{message:?} says not what to do");
@@ -194,7 +202,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
     let (body, _) = common::saved(Example::Ring, folder);
     let (other, _) = common::saved(Example::Cylinder, folder);
     let recording = folder.join("ring.rec");
-    common::record(&body, &recording);
+    common::write_recording(&body, &recording);
     let write = |name: &str, bytes: &[u8]| {
         let path = folder.join(name);
         fs::write(&path, bytes).unwrap();
@@ -222,45 +230,55 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 fn a_thousand_random_sequences() {
     let folder = tempfile::tempdir().unwrap();
     let files = files(folder.path());
-    for seed in 0..1000u64 {
-        let mut random = Random(seed);
-        let mut viewer = Viewer::default();
-        // Sessions have threads of their own: every tenth sequence has them.
-        viewer.touches = seed % 10 == 0;
-        let mut driven = Driven::new(viewer);
-        if seed % 3 != 0 {
-            driven.viewer.update([Event::Open(files[10 + random.below(2)].clone())]);
-            driven.viewer.finish_work().unwrap();
+    let cores = std::thread::available_parallelism().map_or(1, |n| n.get() as u64);
+    std::thread::scope(|scope| {
+        for core in 0..cores {
+            let files = &files;
+            scope.spawn(move || {
+                let mut driven = Driven::new();
+                (core..1000).step_by(cores as usize).for_each(|seed| sequence(&mut driven, seed, files));
+            });
         }
-        for _ in 0..12 {
-            driven.any(&mut random, &files);
-            let viewer = &driven.viewer;
-            // Whatever happened, what was there is there, or was left on purpose.
-            if let Some(shown) = viewer.shown() {
-                assert!(shown.tool_m().is_finite(), "{seed}");
-            }
-            assert!(viewer.scene().is_none() == viewer.subject().is_none(), "{seed}");
-        }
-        if let Some(message) = driven.viewer.message() {
-            assert!(!message.title.is_empty() && message.text.len() > 10, "{seed}: {message:?}");
-        }
-        // It can still be used.
-        driven.viewer.update([
-            Event::Dismiss,
-            Event::Dismiss,
-            Event::Dismiss,
-            Event::Open(files[10].clone()),
-        ]);
+    });
+}
+
+fn sequence(driven: &mut Driven, seed: u64, files: &[PathBuf]) {
+    let mut random = Random(seed);
+    let mut viewer = Viewer::default();
+    // Sessions have threads of their own: every tenth sequence has them.
+    viewer.touches = seed % 10 == 0;
+    driven.begin(viewer);
+    if seed % 3 != 0 {
+        driven.viewer.update([Event::Open(files[10 + random.below(2)].clone())]);
         driven.viewer.finish_work().unwrap();
-        driven.frame(vec![], None, Modifiers::NONE);
-        assert!(driven.viewer.subject().is_some_and(|s| s.name == "ring.body"), "{seed}");
-        if driven.viewer.touches {
-            assert!(
-                driven.viewer.touch().is_some_and(|t| !t.is_over()),
-                "{seed}: {:?}",
-                driven.viewer.message()
-            );
+    }
+    for _ in 0..12 {
+        driven.any(&mut random, files);
+        let viewer = &driven.viewer;
+        // Whatever happened, what was there is there, or was left on purpose.
+        if let Some(shown) = viewer.shown() {
+            assert!(shown.tool_m().is_finite(), "{seed}");
         }
+        assert!(viewer.scene().is_none() == viewer.subject().is_none(), "{seed}");
+    }
+    if let Some(message) = driven.viewer.message() {
+        assert!(!message.title.is_empty() && message.text.len() > 10, "{seed}: {message:?}");
+    }
+    // It can still be used; there may be nothing to hear it with.
+    driven.viewer.update([
+        Event::Change(Settings { sound: false, ..*driven.viewer.settings() }),
+        Event::Dismiss,
+        Event::Dismiss,
+        Event::Dismiss,
+        Event::Open(files[10].clone()),
+        // Where a simulation is under way it was asked.
+        Event::Instead,
+    ]);
+    driven.viewer.finish_work().unwrap();
+    driven.frame(vec![], None, Modifiers::NONE);
+    assert!(driven.viewer.subject().is_some_and(|s| s.name == "ring.body"), "{seed}");
+    if driven.viewer.touches {
+        assert!(driven.viewer.touch().is_some_and(|t| !t.is_over()), "{seed}: {:?}", driven.viewer.message());
     }
 }
 
@@ -286,8 +304,9 @@ fn the_space_bar_stops_whatever_has_the_focus() {
         repeat: false,
         modifiers: Modifiers::NONE,
     };
+    let mut driven = Driven::new();
     for tabs in [0, 1, 2, 9, 14, 20, 27] {
-        let mut driven = Driven::new(Viewer::default());
+        driven.begin(Viewer::default());
         driven.viewer.update([Event::Open(path.clone())]);
         driven.viewer.finish_work().unwrap();
         for _ in 0..tabs {

@@ -1,7 +1,8 @@
 //! The mouse as a tool: press, drag, slip, release, stop; without a window.
 
+mod common;
+
 use glam::{DVec2, DVec3};
-use palpate::engine::Flags;
 use palpate::runtime::BodyFile;
 use palpate_viewer::gallery::Example;
 use palpate_viewer::work::Opened;
@@ -10,9 +11,21 @@ use std::time::{Duration, Instant};
 
 /// Lets a viewer run against the clock until something holds of what is shown.
 fn until(viewer: &mut Viewer, began: Instant, what: &str, holds: impl Fn(&Shown) -> bool) -> Shown {
-    let deadline = Instant::now() + Duration::from_secs(20);
+    watch(viewer, began, what, &mut Vec::new(), holds)
+}
+
+/// The same, and keeps what was shown meanwhile.
+fn watch(
+    viewer: &mut Viewer,
+    began: Instant,
+    what: &str,
+    seen: &mut Vec<Shown>,
+    holds: impl Fn(&Shown) -> bool,
+) -> Shown {
+    let deadline = Instant::now() + Duration::from_secs(60);
     loop {
         viewer.tick(began.elapsed().as_secs_f64());
+        seen.extend(viewer.shown());
         if let Some(shown) = viewer.shown().filter(&holds) {
             return shown;
         }
@@ -29,15 +42,24 @@ fn touching(example: Example) -> Viewer {
     viewer
 }
 
+/// And whatever was shown meanwhile has the digits of `palpate trace`, as has every period of the recording.
 #[test]
 fn a_press_a_drag_and_a_release() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, opened) = common::saved(Example::Pad, folder.path());
+    let recording = folder.path().join("mouse.rec");
     let began = Instant::now();
-    let mut viewer = touching(Example::Pad);
-    viewer.update([Event::Point(Some(DVec2::ZERO))]);
-    until(&mut viewer, began, "hovers", |s| s.contact.is_none() && s.tool_m().z > 0.02);
+    let mut viewer = Viewer::default();
+    viewer.record = Some(recording.clone());
+    viewer.show_body(opened);
+    assert!(viewer.message().is_none(), "{:?}", viewer.message());
+    viewer.update([Event::Look(StandardView::Top), Event::Resize(1.0), Event::Point(Some(DVec2::ZERO))]);
+    let mut seen = Vec::new();
+    let shown = &mut seen;
+    watch(&mut viewer, began, "hovers", shown, |s| s.contact.is_none() && s.tool_m().z > 0.02);
 
     viewer.update([Event::Press(true)]);
-    let pressed = until(&mut viewer, began, "presses", |s| {
+    let pressed = watch(&mut viewer, began, "presses", shown, |s| {
         s.contact.is_some_and(|c| c.delta_z_m > 2e-3)
             && s.force_n.z > 0.2
             && s.command_n.is_some_and(|f| f.z > 0.15)
@@ -52,13 +74,34 @@ fn a_press_a_drag_and_a_release() {
         viewer.tick(began.elapsed().as_secs_f64());
         std::thread::sleep(Duration::from_millis(12));
     }
-    let dragged = until(&mut viewer, began, "drags", |s| s.contact.is_some_and(|c| c.position_m[0] > 5e-3));
-    assert!(dragged.force_n.x < 0.0 && dragged.energy.dissipated_j > 0.0, "{dragged:?}");
-    let slipped = viewer.past().iter().any(|r| r.engine().has(Flags::SLIPPING));
-    assert!(slipped && viewer.track().len() > 3, "{:?}", viewer.track());
+    let dragged = watch(&mut viewer, began, "drags", shown, |s| {
+        s.energy.dissipated_j > 0.0 && s.contact.is_some_and(|c| c.position_m[0] > 5e-3)
+    });
+    assert!(dragged.force_n.x < 0.0, "{dragged:?}");
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while viewer.track().len() <= 3 {
+        assert!(Instant::now() < deadline, "{:?}", viewer.track());
+        viewer.tick(began.elapsed().as_secs_f64());
+        std::thread::sleep(Duration::from_millis(4));
+    }
 
     viewer.update([Event::Press(false)]);
-    until(&mut viewer, began, "leaves", |s| s.contact.is_none() && s.force_n == DVec3::ZERO);
+    watch(&mut viewer, began, "leaves", shown, |s| s.contact.is_none() && s.force_n == DVec3::ZERO);
+    viewer.update([Event::Gallery]);
+
+    let traced = common::trace(&path, &recording);
+    let mut told = 0;
+    for shown in &seen {
+        // The engine is not asked before the first patch has come.
+        let Some(period) = traced.get(&shown.time_s.to_bits()) else { continue };
+        assert_eq!(&common::told(shown), period);
+        told += usize::from(shown.contact.is_some());
+    }
+    let [periods, touching, slipping] = common::compare(&path, &recording);
+    assert!(
+        told > 0 && periods > touching && touching > slipping && slipping > 0,
+        "{told} {periods} {touching} {slipping}"
+    );
 }
 
 #[test]
@@ -68,9 +111,10 @@ fn a_stop_takes_the_force_off_and_a_start_begins_anew() {
     viewer.update([Event::Point(Some(DVec2::ZERO)), Event::Press(true)]);
     until(&mut viewer, began, "presses", |s| s.command_n.is_some_and(|f| f.length() > 0.1));
     viewer.update([Event::Stop]);
-    let stopped = until(&mut viewer, began, "stops", |s| s.command_n == Some(DVec3::ZERO));
-    assert!(stopped.stages.has(palpate::runtime::StageFlags::STOPPED), "{stopped:?}");
-    let deadline = Instant::now() + Duration::from_secs(10);
+    let is_stopped = |s: &Shown| s.stages.has(palpate::runtime::StageFlags::STOPPED);
+    let stopped = until(&mut viewer, began, "stops", is_stopped);
+    assert_eq!(stopped.command_n, Some(DVec3::ZERO), "{stopped:?}");
+    let deadline = Instant::now() + Duration::from_secs(60);
     while !viewer.touch().unwrap().is_over() {
         assert!(Instant::now() < deadline);
         std::thread::sleep(Duration::from_millis(5));
@@ -104,4 +148,25 @@ fn switches_reach_the_session() {
     until(&mut viewer, began, "pauses", |s| s.command_n == Some(DVec3::ZERO));
     viewer.update([Event::Pause]);
     until(&mut viewer, began, "goes on", |s| s.command_n.is_some_and(|f| f.length() > 0.02));
+}
+
+/// With a loudspeaker it plays; without one, or in a build without sound, one message says what to do. The session goes on in any
+/// case.
+#[test]
+fn sound_is_heard_or_it_is_said_why_not() {
+    let began = Instant::now();
+    let mut viewer = touching(Example::Pad);
+    let settings = *viewer.settings();
+    viewer.update([Event::Change(Settings { sound: true, ..settings })]);
+    match viewer.message() {
+        None => assert!(viewer.settings().sound),
+        Some(message) => {
+            assert!(message.text.contains("--wav FILE") && !viewer.settings().sound, "{message:?}");
+            println!("{}", message.text);
+        }
+    }
+    viewer.update([Event::Point(Some(DVec2::ZERO)), Event::Press(true)]);
+    until(&mut viewer, began, "presses", |s| s.command_n.is_some_and(|f| f.length() > 0.1));
+    viewer.update([Event::Change(Settings { sound: false, ..*viewer.settings() })]);
+    until(&mut viewer, began, "still presses", |s| s.contact.is_some_and(|c| c.delta_z_m > 2e-3));
 }

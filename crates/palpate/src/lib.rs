@@ -26,6 +26,8 @@
 //!
 //! Both are on by default. Nothing here prints, parses arguments, or handles signals.
 
+pub mod colours;
+
 pub use palpate_body as body;
 #[cfg(feature = "simulate")]
 pub use palpate_build as build;

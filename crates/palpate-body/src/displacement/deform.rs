@@ -1,7 +1,7 @@
 //! The deformed surface of a body for a state of the contact.
 
 use super::clearance::Clearance;
-use super::dimple;
+use super::dimple::Dimple;
 use super::fields::{DisplacementFields, FieldSet, smoothstep};
 use super::geometry::{Binding, Facets};
 use super::lazy::StoredFields;
@@ -26,6 +26,12 @@ impl ContactState {
         ContactState { at, tool_m: body.point(at) + inward * (depth_m - body.tool().radius_m()) }
     }
 
+    /// How the surface moves if nothing else is known of it; `None` where the tool does not reach in.
+    pub fn dimple(&self, body: &ContactModel) -> Option<Dimple> {
+        let contact = self.kinematics(body);
+        contact.reaches_in().then(|| contact.dimple(body.tool().radius_m()))
+    }
+
     fn kinematics(&self, body: &ContactModel) -> Kinematics {
         let (point, inward) = (body.point(self.at), body.inward(self.at));
         let offset = self.tool_m - point;
@@ -41,6 +47,17 @@ struct Kinematics {
     inward: DVec3,
     depth: f64,
     lateral: DVec3,
+}
+
+impl Kinematics {
+    fn reaches_in(&self) -> bool {
+        self.depth > 0.0 && self.depth.is_finite() && self.lateral.is_finite()
+    }
+
+    fn dimple(&self, radius: f64) -> Dimple {
+        let motion = self.inward * self.depth + self.lateral;
+        Dimple::new(self.point, self.inward, motion, self.depth, radius)
+    }
 }
 
 /// Gives the displaced positions of a body's nodes: from its displacement fields or, where it has none, as a dimple that
@@ -118,9 +135,7 @@ impl Deformer {
         positions.clear();
         positions.extend(body.nodes().iter().map(|n| n.position));
         let contact = state.kinematics(body);
-        if !(contact.depth > 0.0 && contact.depth.is_finite() && contact.lateral.is_finite())
-            || self.body != (body.identity(), body.nodes().len())
-        {
+        if !contact.reaches_in() || self.body != (body.identity(), body.nodes().len()) {
             return;
         }
         let radius = body.tool().radius_m();
@@ -136,7 +151,7 @@ impl Deformer {
                 // They were read when this was made.
                 Err(_) => return,
             },
-            None => make_dimple(body, &contact, radius, positions),
+            None => make_dimple(body, &contact.dimple(radius), positions),
         }
         if radius > 0.0 {
             clearance.push_out(body, state.tool_m, radius, contact.depth, positions);
@@ -145,19 +160,14 @@ impl Deformer {
 }
 
 /// Without fields.
-fn make_dimple(body: &Body, contact: &Kinematics, radius: f64, positions: &mut [DVec3]) {
-    let motion = contact.inward * contact.depth + contact.lateral;
+fn make_dimple(body: &Body, dimple: &Dimple, positions: &mut [DVec3]) {
     // By vertices: nodes on the two sides of a crease must move alike.
     let mut inward = vec![DVec3::ZERO; body.nodes().len()];
     for (node, &vertex) in body.nodes().iter().zip(&body.vertices) {
         inward[vertex as usize] += node.inward;
     }
     for ((node, &vertex), p) in body.nodes().iter().zip(&body.vertices).zip(positions) {
-        // The other side of something thin stays.
-        let inward = inward[vertex as usize].normalize_or(node.inward);
-        let facing = smoothstep((inward.dot(contact.inward) + 0.2) / 0.7);
-        let share = dimple::share(node.position.distance(contact.point), contact.depth, radius);
-        *p += motion * (facing * share);
+        *p += dimple.displacement(node.position, inward[vertex as usize].normalize_or(node.inward));
     }
 }
 

@@ -75,6 +75,7 @@ impl FieldSet {
         if !place.states.iter().flat_map(|(_, f)| f).flat_map(|f| f.iter().flatten()).all(|x| x.is_finite()) {
             return bad("a displacement is not finite");
         }
+        let at = [self.nodes.len(), self.depths.len(), self.steps.len()];
         // What leaves a share out fades first, so that no step is left at the rim.
         let faded: Vec<(f64, Vec<Vec<DVec3>>)> = place
             .states
@@ -117,7 +118,8 @@ impl FieldSet {
         self.node_counts.push(nodes.len() as u32);
         self.state_counts.push(place.states.len() as u32);
         self.nodes.extend(nodes);
-        self.index(count, lateral)
+        self.index_place(at, count, lateral)?;
+        Ok(())
     }
 
     /// The same, blended so by the body's test points.
@@ -158,55 +160,62 @@ impl FieldSet {
 
     /// Checks all, and finds where each place begins.
     fn index(&mut self, surface_nodes: usize, lateral: bool) -> Result<()> {
-        let bad = |place: usize, problem: &str| {
-            Err(BodyError::invalid(format!("displacement field {place}"), problem, "make the body again"))
-        };
         let places = self.points.len();
-        let components = if lateral { 2 } else { 1 };
+        let bad = |problem: &str| {
+            Err(BodyError::invalid(format!("displacement field {places}"), problem, "make the body again"))
+        };
         if [self.axes.len(), self.node_counts.len(), self.state_counts.len()] != [places; 3]
             || self.units.len() != self.depths.len()
         {
-            return bad(0, "places and their counts do not match");
+            return bad("places and their counts do not match");
         }
         self.first.clear();
-        let mut at = [0usize; 3];
-        for place in 0..places {
-            self.first.push(at);
-            let (nodes, states) = (self.node_counts[place] as usize, self.state_counts[place] as usize);
-            let end = [
-                at[0].saturating_add(nodes),
-                at[1].saturating_add(states),
-                at[2].saturating_add(nodes.saturating_mul(states).saturating_mul(components)),
-            ];
-            if end[0] > self.nodes.len() || end[1] > self.depths.len() || end[2] > self.steps.len() {
-                return bad(place, "its nodes, states or steps are missing");
-            }
-            let (depths, nodes) = (&self.depths[at[1]..end[1]], &self.nodes[at[0]..end[0]]);
-            if !depths.first().is_some_and(|d| *d > 0.0) || !depths.windows(2).all(|d| d[0] < d[1]) {
-                return bad(place, "its depths do not ascend from above 0");
-            }
-            if !nodes.windows(2).all(|n| n[0] < n[1])
-                || nodes.last().is_some_and(|&n| n as usize >= surface_nodes)
-            {
-                return bad(place, "its nodes do not ascend, or one does not exist");
-            }
-            let [u, t] = self.axes[place];
-            let is_unit = |v: DVec3| (v.length() - 1.0).abs() < 1e-6;
-            if !(is_unit(u) && is_unit(t) && u.dot(t).abs() < 1e-6 && self.points[place].is_finite()) {
-                return bad(
-                    place,
-                    "its axes are no unit vectors at right angles, or its point is not finite",
-                );
-            }
-            at = end;
+        let mut at = [0; 3];
+        for _ in 0..places {
+            at = self.index_place(at, surface_nodes, lateral)?;
         }
         if at != [self.nodes.len(), self.depths.len(), self.steps.len()] {
-            return bad(places, "there are nodes, states or steps of no place");
-        }
-        if !self.depths.iter().all(|d| *d <= 1.0) || !self.units.iter().all(|u| (0.0..=1.0).contains(u)) {
-            return bad(0, "a depth or a unit is not finite, negative, or above 1 m");
+            return bad("there are nodes, states or steps of no place");
         }
         Ok(())
+    }
+
+    /// Checks the first place that is not indexed yet, which begins at `at`, and gives where it ends.
+    fn index_place(&mut self, at: [usize; 3], surface_nodes: usize, lateral: bool) -> Result<[usize; 3]> {
+        let place = self.first.len();
+        let components = if lateral { 2 } else { 1 };
+        let bad = |problem: &str| {
+            Err(BodyError::invalid(format!("displacement field {place}"), problem, "make the body again"))
+        };
+        let (nodes, states) = (self.node_counts[place] as usize, self.state_counts[place] as usize);
+        let end = [
+            at[0].saturating_add(nodes),
+            at[1].saturating_add(states),
+            at[2].saturating_add(nodes.saturating_mul(states).saturating_mul(components)),
+        ];
+        if end[0] > self.nodes.len() || end[1] > self.depths.len() || end[2] > self.steps.len() {
+            return bad("its nodes, states or steps are missing");
+        }
+        let (depths, nodes) = (&self.depths[at[1]..end[1]], &self.nodes[at[0]..end[0]]);
+        if !depths.first().is_some_and(|d| *d > 0.0) || !depths.windows(2).all(|d| d[0] < d[1]) {
+            return bad("its depths do not ascend from above 0");
+        }
+        let are_lengths = self.units[at[1]..end[1]].iter().chain(depths).all(|d| (0.0..=1.0).contains(d));
+        if !are_lengths {
+            return bad("a depth or a unit is not finite, negative, or above 1 m");
+        }
+        if !nodes.windows(2).all(|n| n[0] < n[1])
+            || nodes.last().is_some_and(|&n| n as usize >= surface_nodes)
+        {
+            return bad("its nodes do not ascend, or one does not exist");
+        }
+        let [u, t] = self.axes[place];
+        let is_unit = |v: DVec3| (v.length() - 1.0).abs() < 1e-6;
+        if !(is_unit(u) && is_unit(t) && u.dot(t).abs() < 1e-6 && self.points[place].is_finite()) {
+            return bad("its axes are no unit vectors at right angles, or its point is not finite");
+        }
+        self.first.push(at);
+        Ok(end)
     }
 
     /// Each test point blends places that are there, or there is no place at all.

@@ -108,10 +108,11 @@ pub fn validate_against(
         .num_threads(jobs)
         .build()
         .map_err(|e| anyhow!("{jobs} threads can't be started ({e}); give fewer"))?;
-    progress.begin(trial.paths, 0);
     let inputs = inputs_of(spec, simulation);
     let kept =
         asked.kept.as_ref().map(|file| Kept::open(&simulator, file, &spec.text, &inputs)).transpose()?;
+    // From here on nothing goes back before `end`.
+    progress.begin(trial.paths, 0);
     let source: &dyn Simulator = kept.as_ref().map_or(&simulator, |kept| kept);
     let done = || progress.done(1);
     let result = pool.install(|| validate_at_places_of(places_of, body, &trial, source, &done));

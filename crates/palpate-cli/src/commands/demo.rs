@@ -51,7 +51,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             body: Some(args.out.join("cylinder.body")),
             ..Default::default()
         };
-        palpate_viewer::command::open(&request, Box::new(crate::live::signals()?))
+        let is_asked = crate::live::signals()?;
+        palpate_viewer::command::open(&request, Box::new(move |_| is_asked()))
             .map_err(|e| anyhow::anyhow!("{e}"))?;
     }
     if report.passed { Ok(()) } else { Err(Failure::Check(report.shortfalls.join("; "))) }

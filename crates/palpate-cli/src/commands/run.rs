@@ -210,8 +210,9 @@ fn view(args: &Args, configs: &[SessionConfig]) -> Result<(), Failure> {
         session: Some(config.clone()),
         ..Default::default()
     };
+    let is_asked = live::signals()?;
     let outcome =
-        palpate_viewer::command::open(&request, Box::new(live::signals()?)).map_err(|e| anyhow!("{e}"))?;
+        palpate_viewer::command::open(&request, Box::new(move |_| is_asked())).map_err(|e| anyhow!("{e}"))?;
     let Some(outcome) = outcome else { return Ok(()) };
     let told = live::tell(outcome);
     console::text(&told.table())?;

@@ -4,7 +4,7 @@ use super::Failure;
 #[cfg(feature = "viewer")]
 use anyhow::anyhow;
 #[cfg(feature = "viewer")]
-use palpate_viewer::command::{self, Frame, Request};
+use palpate_viewer::command::{self, Frame, Pace, Request};
 #[cfg(feature = "viewer")]
 use palpate_viewer::still::StateChoice;
 #[cfg(feature = "viewer")]
@@ -20,13 +20,15 @@ pub const HOW: &str = "this palpate was built without its window; get it with `c
 ///
 /// The mouse leads a simulated hand, whose spring lets the tool lag by the force over its stiffness. F1 shows keys and mouse; the
 /// space bar always stops. Without a body the window begins with examples; a body, a recording, a spec or a mesh can be
-/// dropped on it. --screenshot and --sequence draw without a display.
+/// dropped on it. --screenshot, --animation and --sequence draw without a display.
 #[cfg(feature = "viewer")]
 #[derive(Debug, clap::Args)]
-#[command(group = clap::ArgGroup::new("picture").args(["screenshot", "sequence"]))]
+#[command(group = clap::ArgGroup::new("picture").args(["screenshot", "animation", "sequence"]))]
+#[command(group = clap::ArgGroup::new("moving").args(["animation", "sequence"]))]
 #[command(after_help = "Examples:\n  \
     palpate view liver.body\n  \
     palpate view liver.body --screenshot liver.png --state \"depth_mm=5 drag_mm=8\" --camera 30,20,2 --colour stiffness\n  \
+    palpate view liver.body --animation press.png --state \"depth_mm=5 drag_mm=8\" --bare --size 720x480\n  \
     palpate view liver.body --recording first-touch.rec --sequence frames --fps 25\n\n\
     Exit status: 0 done, 1 wrong input, 2 wrong usage.")]
 pub struct Args {
@@ -35,15 +37,36 @@ pub struct Args {
     /// A recording of this body, with a bar to go through it
     #[arg(long, value_name = "FILE", requires = "body")]
     recording: Option<PathBuf>,
+    /// Record what the mouse does, into a file that is not there yet; where a switch begins another session, into FILE-2 and on
+    #[arg(long, value_name = "FILE", requires = "body", conflicts_with_all = ["recording", "state", "picture"])]
+    record: Option<PathBuf>,
+    /// Hear how fast the force changes: where it jumps, it clicks
+    #[arg(long, conflicts_with_all = ["recording", "state", "picture"])]
+    sound: bool,
+    /// Write the recording's sound into this WAV file
+    #[arg(long, value_name = "FILE", requires = "recording", conflicts_with = "picture")]
+    wav: Option<PathBuf>,
     /// Draw a picture into this PNG, without a display
-    #[arg(long, value_name = "FILE", conflicts_with = "sequence")]
+    #[arg(long, value_name = "FILE")]
     screenshot: Option<PathBuf>,
+    /// Draw the recording, or the way from rest to --state, into this animated PNG
+    #[arg(long, value_name = "FILE", requires = "body")]
+    animation: Option<PathBuf>,
     /// Draw the recording into this folder: frame-00000.png and on
     #[arg(long, value_name = "DIR", requires = "recording")]
     sequence: Option<PathBuf>,
-    /// Pictures a second of the recording's time
-    #[arg(long, value_name = "N", default_value_t = 25.0, requires = "sequence")]
+    /// Pictures a second
+    #[arg(long, value_name = "N", default_value_t = 25.0, requires = "moving")]
     fps: f64,
+    /// How long the animation of a --state takes; a recording takes its own time
+    #[arg(
+        long,
+        value_name = "S",
+        default_value_t = 3.0,
+        requires = "animation",
+        conflicts_with = "recording"
+    )]
+    seconds: f64,
     /// From where: oblique, front, back, left, right, top, bottom, or AZIMUTH_DEG,ELEVATION_DEG; a zoom after a comma
     #[arg(long, value_name = "VIEW", allow_hyphen_values = true)]
     camera: Option<CameraChoice>,
@@ -120,6 +143,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         section: args.section,
         slip: args.slip.map(super::Slip::rule),
         friction_scale: args.friction_scale,
+        sound: args.sound,
         theme: if args.dark { palpate_viewer::palette::Theme::Dark } else { Default::default() },
         ..Default::default()
     };
@@ -135,7 +159,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             anyhow!("--pixels-per-point {}: give a number from 0.5 to 4", args.pixels_per_point).into()
         );
     }
-    let draws = args.screenshot.is_some() || args.sequence.is_some();
+    let draws = args.screenshot.is_some() || args.animation.is_some() || args.sequence.is_some();
     let request = Request {
         body: args.body.clone(),
         recording: args.recording.clone(),
@@ -145,14 +169,32 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         settings,
         colour_depth_m: args.colour_depth_mm.map(|mm| mm * 1e-3),
         session: None,
+        record: args.record.clone(),
     };
     let read: Vec<&std::path::Path> =
         request.body.iter().chain(&request.recording).map(PathBuf::as_path).collect();
-    palpate_files::refuse_overwrite(args.screenshot.as_slice(), &read)?;
+    let written = args.screenshot.as_ref().or(args.animation.as_ref()).or(args.wav.as_ref());
+    palpate_files::refuse_overwrite(written.as_slice(), &read)?;
     let frame = Frame { size: args.size, has_panels: !args.bare, scale: args.pixels_per_point };
     let told = |e: palpate_viewer::command::ViewError| anyhow!("{e}");
+    if let Some(file) = &args.wav {
+        let heard = command::sound(&request, file).map_err(told)?;
+        crate::console::note(&format!(
+            "{}: {:.1} s, the force changes by at most {:.0} N/s",
+            file.display(),
+            heard.seconds,
+            heard.peak_n_per_s
+        ));
+        return Ok(());
+    }
+    let pace = Pace { fps: args.fps, seconds: args.seconds };
+    if let Some(file) = &args.animation {
+        let count = command::animation(&request, &frame, file, &pace).map_err(told)?;
+        crate::console::note(&format!("{}: {count} pictures", file.display()));
+        return Ok(());
+    }
     if let Some(folder) = &args.sequence {
-        let count = command::sequence(&request, &frame, folder, args.fps).map_err(told)?;
+        let count = command::sequence(&request, &frame, folder, &pace).map_err(told)?;
         crate::console::note(&format!("{}: {count} pictures", folder.display()));
         return Ok(());
     }
@@ -160,6 +202,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return Ok(command::screenshot(&request, &frame, file).map_err(told)?);
     }
     let is_asked = crate::live::signals()?;
-    command::open(&request, Box::new(is_asked)).map_err(told)?;
+    command::open(&request, Box::new(move |_| is_asked())).map_err(told)?;
     Ok(())
 }

@@ -178,18 +178,8 @@ fn share(g: f64, range: &Range<f64>) -> f64 {
     (g - range.start) / (range.end - range.start)
 }
 
-/// Viridis, by its five main colours: told apart by most eyes, and in grey.
+/// From viridis.
 fn colour(share: f64) -> RGBColor {
-    const STOPS: [[f64; 3]; 5] = [
-        [68.0, 1.0, 84.0],
-        [59.0, 82.0, 139.0],
-        [33.0, 145.0, 140.0],
-        [94.0, 201.0, 98.0],
-        [253.0, 231.0, 37.0],
-    ];
-    let x = 4.0 * share.clamp(0.0, 1.0);
-    let i = (x as usize).min(3);
-    let [r, g, b] =
-        [0, 1, 2].map(|c| (STOPS[i][c] + (STOPS[i + 1][c] - STOPS[i][c]) * (x - i as f64)).round() as u8);
+    let [r, g, b] = palpate::colours::viridis(share).map(|c| (255.0 * c).round() as u8);
     RGBColor(r, g, b)
 }

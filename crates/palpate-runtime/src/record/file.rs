@@ -72,17 +72,30 @@ impl BodyFile {
     /// # Errors
     /// It can't be read, or is changed meanwhile.
     pub fn of(path: &Path) -> anyhow::Result<Self> {
+        BodyFile::read_with(path, true, || Ok(())).map(|((), file)| file)
+    }
+
+    /// The same beside what `read` makes of that file: both are of one state of it. Without `digest` its SHA-256 is left out.
+    ///
+    /// # Errors
+    /// As [`BodyFile::of`], and those of `read`.
+    pub fn read_with<T, E: From<anyhow::Error>>(
+        path: &Path,
+        digest: bool,
+        read: impl FnOnce() -> Result<T, E>,
+    ) -> Result<(T, Self), E> {
         let fingerprint =
-            || files::open(path).and_then(|f| Fingerprint::of(&f).map_err(|e| BodyError::io(path, e).into()));
-        let before = fingerprint()?;
-        let sha256 = files::sha256(path)?;
-        anyhow::ensure!(
-            fingerprint()? == before,
-            "{}: it was changed meanwhile; start again",
-            path.display()
-        );
+            |file: &File| Fingerprint::of(file).map_err(|e| anyhow::Error::from(BodyError::io(path, e)));
+        let file = files::open(path)?;
+        let before = fingerprint(&file)?;
+        let read = read()?;
+        let sha256 = if digest { files::sha256_of(file, path)? } else { String::new() };
+        if fingerprint(&files::open(path)?)? != before {
+            let problem = format!("{}: it was changed while it was read; start again", path.display());
+            return Err(anyhow::Error::msg(problem).into());
+        }
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        Ok(BodyFile { name, sha256 })
+        Ok((read, BodyFile { name, sha256 }))
     }
 }
 

@@ -73,6 +73,20 @@ pub struct RecorderThread {
 struct Shared {
     stop: AtomicBool,
     state: Mutex<State>,
+    listening: Mutex<Listening>,
+}
+
+/// What is called with every period, on the recording thread.
+pub type Listener = Box<dyn FnMut(&Record) + Send>;
+
+/// Who listens, if anybody does.
+#[derive(Default)]
+struct Listening(Option<Listener>);
+
+impl std::fmt::Debug for Listening {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(if self.0.is_some() { "Listening(somebody)" } else { "Listening(nobody)" })
+    }
 }
 
 #[derive(Debug)]
@@ -158,7 +172,11 @@ impl RecorderThread {
             written: 0,
             trouble: None,
         };
-        let shared = Arc::new(Shared { stop: AtomicBool::new(false), state: Mutex::new(state) });
+        let shared = Arc::new(Shared {
+            stop: AtomicBool::new(false),
+            state: Mutex::new(state),
+            listening: Mutex::default(),
+        });
         let dropped = records.dropped.clone();
         let thread = thread::Builder::new().name("palpate-record".into()).spawn({
             let shared = shared.clone();
@@ -170,6 +188,11 @@ impl RecorderThread {
     /// What is kept of the past, the oldest first. Not for the haptic thread.
     pub fn history(&self) -> Vec<Record> {
         self.shared.state().past.records.iter().copied().collect()
+    }
+
+    /// Calls `hear` with every period from now on, on the recording thread; `None` for nobody. Not for the haptic thread.
+    pub fn listen(&self, hear: Option<Listener>) {
+        self.shared.listening.lock().unwrap_or_else(PoisonError::into_inner).0 = hear;
     }
 
     /// The statistics up to now. Not for the haptic thread.
@@ -226,6 +249,9 @@ fn recorder_thread<W: Write>(mut records: Records, file: Option<RecordingFile<W>
             batch.iter().for_each(|record| state.add(record));
             last.then(|| state.reason.clone())
         };
+        if let Some(hear) = &mut shared.listening.lock().unwrap_or_else(PoisonError::into_inner).0 {
+            batch.iter().for_each(hear);
+        }
         // Outside of the lock: a disk may take its time.
         let mut result = pen.write(&batch);
         if let (Ok(()), Some(reason)) = (&result, &reason) {

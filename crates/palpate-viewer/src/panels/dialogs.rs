@@ -99,6 +99,36 @@ pub fn mesh(question: &MeshQuestion, ctx: &egui::Context, events: &mut Vec<Event
     }
 }
 
+/// Whether what was asked for shall end the simulation that is under way.
+pub fn instead(asked: &Event, work: &Work, ctx: &egui::Context, events: &mut Vec<Event>) {
+    let wanted = match asked {
+        Event::Open(path) => format!("Open {}", name_of(path)),
+        Event::Example(example) => format!("Make: {}", example.title()),
+        _ => "Simulate the mesh".into(),
+    };
+    let modal = egui::Modal::new(egui::Id::unique("instead")).show(ctx, |ui| {
+        ui.set_width(430.0);
+        ui.label(RichText::new(format!("{wanted} instead?")).heading());
+        ui.add_space(4.0);
+        ui.label(format!(
+            "{} would be left off. Of a mesh or a spec, finished test points are kept: made again, it goes on from there.",
+            work.title
+        ));
+        ui.add_space(8.0);
+        ui.horizontal(|ui| {
+            if ui.button("Let it go on").clicked() {
+                events.push(Event::Dismiss);
+            }
+            if ui.button(wanted).clicked() {
+                events.push(Event::Instead);
+            }
+        });
+    });
+    if modal.should_close() {
+        events.push(Event::Dismiss);
+    }
+}
+
 /// What is wrong, and what to do.
 pub fn message(viewer: &Viewer, message: &Message, ctx: &egui::Context, events: &mut Vec<Event>) {
     let modal = egui::Modal::new(egui::Id::unique("message")).show(ctx, |ui| {

@@ -22,7 +22,7 @@ pub fn show(viewer: &Viewer, ui: &mut Ui) {
     let curves = viewer.settings().theme.colours().curves;
     part(ui, "Force on the tool", |ui| force(ui, &past, now_s, curves));
     part(ui, "The law at this place", |ui| law(viewer, ui, curves));
-    part(ui, "Energy", |ui| energy(ui, &past, now_s, curves));
+    part(ui, "Energy", |ui| energy(viewer, ui, &past, now_s, curves));
     part(ui, "Lateness and step", |ui| lateness(viewer, ui, curves));
 }
 
@@ -153,7 +153,7 @@ fn law(viewer: &Viewer, ui: &mut Ui, curves: [Rgb; 4]) {
     ui.label(RichText::new(stiffness).small());
 }
 
-fn energy(ui: &mut Ui, past: &[&Record], now_s: f64, curves: [Rgb; 4]) {
+fn energy(viewer: &Viewer, ui: &mut Ui, past: &[&Record], now_s: f64, curves: [Rgb; 4]) {
     let from = begin(past, now_s);
     let of = |name: &'static str, rgb, of: fn(&Record) -> f64| {
         line(name, past.iter().map(move |r| [ago(r, now_s), of(r) * 1e3]), rgb)
@@ -169,16 +169,24 @@ fn energy(ui: &mut Ui, past: &[&Record], now_s: f64, curves: [Rgb; 4]) {
             p.line(of("dissipated", curves[1], |r| r.dissipated_j));
             p.line(of("generated", curves[3], |r| r.generated_j));
         });
-    if let Some(last) = past.last() {
-        // What the tank can hold of what slips have dissipated, as the engine's ledger has it.
-        let kept = (last.dissipated_j - last.generated_j).max(0.0);
-        let words = format!(
-            "slip dissipated {:.3} mJ and generated {:.3} mJ; net {:.3} mJ",
-            last.dissipated_j * 1e3,
-            last.generated_j * 1e3,
-            kept * 1e3
+    let Some(shown) = viewer.shown() else { return };
+    let energy = &shown.energy;
+    let words = format!(
+        "slip dissipated {:.3} mJ, less {:.3} mJ that it generated",
+        (energy.dissipated_j + energy.generated_j) * 1e3,
+        energy.generated_j * 1e3
+    );
+    ui.label(RichText::new(words).small());
+    if viewer.subject().is_some_and(|s| s.body.has_tank()) && viewer.settings().tank {
+        let most = energy.tank_limit_j() * 1e3;
+        // A session's records tell no level.
+        let words = match viewer.still() {
+            Some(_) => format!("the tank has {:.3} mJ of at most {most:.3} mJ", energy.tank_j * 1e3),
+            None => format!("the tank has at most {most:.3} mJ"),
+        };
+        ui.label(RichText::new(words).small()).on_hover_text(
+            "What slips have dissipated, and later ones may give out again: a quarter of what is stored at most",
         );
-        ui.label(RichText::new(words).small());
     }
 }
 

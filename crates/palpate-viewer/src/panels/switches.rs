@@ -1,7 +1,7 @@
 //! How the body is touched, and what is shown besides.
 
 use crate::scene::Section;
-use crate::settings::{DEPTHS_M, Settings};
+use crate::settings::{DEPTHS_M, FORCES_MAX_N, Settings};
 use crate::state::{Event, Viewer};
 use eframe::egui::{self, RichText, Ui};
 use palpate::body::SlipRule;
@@ -72,7 +72,7 @@ fn touch(viewer: &Viewer, ui: &mut Ui, now: &mut Settings) {
             ui.label("largest force");
             ui.add(
                 egui::DragValue::new(&mut now.force_max_n)
-                    .range(0.1..=20.0)
+                    .range(FORCES_MAX_N[0]..=FORCES_MAX_N[1])
                     .speed(0.05)
                     .suffix(" N")
                     .max_decimals(1),
@@ -88,6 +88,8 @@ fn touch(viewer: &Viewer, ui: &mut Ui, now: &mut Settings) {
                 .on_hover_text("Slip gives out no more energy than it dissipated before");
         }
     });
+    ui.checkbox(&mut now.sound, "sound")
+        .on_hover_text("H: how fast the force changes; where it jumps, it clicks");
     if let Some(touch) = viewer.touch().filter(|t| t.hand_n_per_m > 0.0) {
         let lag = viewer.shown().and_then(|s| s.command_n).map_or(0.0, |f| f.length()) / touch.hand_n_per_m;
         let words = format!("hand {} N/m: the tool lags by {:.1} mm", touch.hand_n_per_m, lag * 1e3);

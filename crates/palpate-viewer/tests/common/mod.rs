@@ -1,11 +1,16 @@
 //! What tests share: bodies, recordings.
 #![allow(dead_code, reason = "each test takes what it needs")]
 
-use palpate::Body;
-use palpate::runtime::{BodyFile, LiveSession, SessionBody, SessionConfig};
+use palpate::body::SlipRule;
+use palpate::engine::{Flags, Waypoint};
+use palpate::runtime::trace::write_row;
+use palpate::runtime::{BodyFile, Recording, Retrace};
+use palpate::{Ablation, Body, Contact};
 use palpate_viewer::gallery::Example;
+use palpate_viewer::panels::numbers;
 use palpate_viewer::work::Opened;
-use palpate_viewer::{Settings, Viewer};
+use palpate_viewer::{Event, Settings, Shown, Viewer};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// An example in a file, opened.
@@ -33,26 +38,64 @@ pub fn showing(example: Example, settings: Settings) -> Viewer {
     viewer
 }
 
-/// Half a second and a bit of a hand that presses and drags, recorded against the clock.
-pub fn record(body: &Path, file: &Path) {
-    let config = SessionConfig {
-        device: "simulated:omega".parse().unwrap(),
-        motion: "drag".into(),
-        seconds: Some(1.4),
-        record: Some(file.to_path_buf()),
-        safety: palpate::runtime::Safety { silence_s: Some(0.5), soft_start_s: 0.05, ..Default::default() },
-        patience: palpate::runtime::Patience { late_s: 10.0, finder_s: 30.0, ..Default::default() },
-        real_time: palpate::runtime::RealTime { priority: None, core: None, lock_memory: false, spin_s: 0.0 },
-        ..SessionConfig::default()
+/// A period as `palpate trace` gives it: its row to the printed digits, and the panel's words of the same numbers.
+pub type Traced = (String, Vec<(&'static str, String)>);
+
+/// What is shown, in the same form.
+pub fn told(shown: &Shown) -> Traced {
+    let output = palpate::Output {
+        force_n: shown.force_n.to_array(),
+        torque_nm: shown.torque_nm.to_array(),
+        contact: shown.contact,
+        flags: shown.flags,
+        energy: shown.energy,
     };
-    let body = SessionBody::open(body, None, None, true).unwrap();
-    let outcome = LiveSession::start(body, config).unwrap().join();
-    assert_eq!(outcome.finished.trouble, None);
+    let mut row = Vec::new();
+    write_row(&mut row, &Waypoint { time_s: shown.time_s, pose: shown.tool }, &output).unwrap();
+    (String::from_utf8(row).unwrap(), numbers::told(shown))
+}
+
+/// What `palpate trace` gives of a recording, by the bits of the period's time.
+pub fn trace(body: &Path, recording: &Path) -> BTreeMap<u64, Traced> {
+    let recording = Recording::open(recording).unwrap();
+    let header = recording.header().clone();
+    assert_eq!(header.body.sha256, palpate::files::sha256(body).unwrap());
+    let body = Body::open(body).unwrap();
+    let rule = SlipRule::ALL.into_iter().find(|r| r.name() == header.slip).unwrap();
+    let contact = Contact::with_slip(&body, rule, Ablation::None).with_tank(header.tank);
+    let mut retrace = Retrace::new(&body, contact);
+    let mut traced = BTreeMap::new();
+    for record in recording {
+        let (Some(output), Some(pose)) = (retrace.step(&record).unwrap(), record.tool()) else { continue };
+        let shown = Shown::of_step(record.time_s, pose, &output, 1.0);
+        traced.insert(record.time_s.to_bits(), told(&shown));
+    }
+    traced
+}
+
+/// Goes through a recording period by period, and finds in the window what `palpate trace` gives of each. Gives how many periods there
+/// were, how many of them in contact, and how many slipping.
+pub fn compare(body: &Path, recording: &Path) -> [usize; 3] {
+    let traced = trace(body, recording);
+    let mut viewer = Viewer::default();
+    viewer.touches = false;
+    viewer.update([Event::Open(body.to_path_buf())]);
+    viewer.finish_work().unwrap();
+    viewer.update([Event::Open(recording.to_path_buf())]);
+    viewer.finish_work().unwrap();
+    let (mut touching, mut slipping) = (0, 0);
+    for (time, period) in &traced {
+        viewer.update([Event::Scrub(f64::from_bits(*time))]);
+        let shown = viewer.shown().unwrap();
+        assert_eq!(&told(&shown), period);
+        touching += usize::from(shown.contact.is_some());
+        slipping += usize::from(shown.flags.has(Flags::SLIPPING));
+    }
+    [traced.len(), touching, slipping]
 }
 
 /// A recording without a clock, the same bits every time: a simulated hand presses and drags for three seconds.
 pub fn write_recording(body: &Path, file: &Path) {
-    use palpate::Contact;
     use palpate::device::{Device, presets};
     use palpate::runtime::motion::MotionScript;
     use palpate::runtime::{HapticLoop, Header, HeldDevice, Record, RecordingFile, Safety};
