@@ -246,9 +246,9 @@ fn sequence(driven: &mut Driven, seed: u64, files: &[PathBuf]) {
     let mut random = Random(seed);
     let mut viewer = Viewer::default();
     // Sessions have threads of their own: every tenth sequence has them.
-    viewer.touches = seed % 10 == 0;
+    viewer.touches = seed.is_multiple_of(10);
     driven.begin(viewer);
-    if seed % 3 != 0 {
+    if !seed.is_multiple_of(3) {
         driven.viewer.update([Event::Open(files[10 + random.below(2)].clone())]);
         driven.viewer.finish_work().unwrap();
     }
