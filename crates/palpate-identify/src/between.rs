@@ -7,13 +7,11 @@
 //! and the lateral force of a press changes, in parts of the normal one, as that of the body at rest does. Powers and part are
 //! those that fit the test points best.
 
-use crate::coupled::{CARRIED, Local, carried_to};
+use crate::coupled::{Local, carried_to, growing};
 use crate::error::FitError;
 use crate::paths::prior_power;
-use crate::potential::UP_TO_STIFFNESS;
 use crate::spread::{neighbours, place, spread_everywhere};
 use glam::{DMat3, DQuat, DVec3};
-use palpate_body::law::QUANTITIES;
 use palpate_body::{BlendWeights, CountErrors, Curve, InterpolationErrors, LeftOut, Potential, Surface};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -266,7 +264,7 @@ impl<'a> Simulated<'a> {
             return Ok(potential);
         }
         // A blend of laws that grow grows, but the check of it is a bound.
-        if let Some(potential) = growing(&blended(&parts, |_| 1.0)?, u, self.range_m)? {
+        if let Some((potential, _)) = growing(&blended(&parts, |_| 1.0)?, u, self.range_m)? {
             return Ok(potential);
         }
         let nearest = parts.iter().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))).map_or(0, |p| p.0);
@@ -575,21 +573,6 @@ fn quantiles(values: &mut [f64]) -> [f64; 2] {
     [0.5, 0.95].map(|part| values.get((part * last as f64).round() as usize).copied().unwrap_or(0.0))
 }
 
-/// A potential with as much of its terms of third and fourth order as lateral forces still grow with; none if they don't without.
-fn growing(potential: &Potential, inward: DVec3, range_m: f64) -> Result<Option<Potential>, FitError> {
-    for share in CARRIED {
-        let mut curves = potential.curves().map(Clone::clone);
-        for curve in &mut curves[UP_TO_STIFFNESS..QUANTITIES - 1] {
-            *curve = Curve::blend(&[(share, &*curve)])?;
-        }
-        let potential = Potential::from_curves(potential.tangents, curves);
-        if potential.validate(inward, range_m).is_ok() {
-            return Ok(Some(potential));
-        }
-    }
-    Ok(None)
-}
-
 /// Σ w s Wⱼ.
 fn blended(parts: &[(usize, f64, Potential)], scale: impl Fn(usize) -> f64) -> Result<Potential, FitError> {
     let (first, tangents) = match parts {
@@ -636,7 +619,7 @@ mod tests {
             quartic: level(0.0),
             friction: level(0.3),
         };
-        let kept = |law: Potential| growing(&law, DVec3::Z, 4e-3).unwrap();
+        let kept = |law: Potential| growing(&law, DVec3::Z, 4e-3).unwrap().map(|(potential, _)| potential);
         // Along t₁ the slope is K + 6 r C: here from −44 to 244 N/m.
         let found = kept(law(100.0, 6e3)).unwrap();
         assert_eq!(found.cubic[0].value(1e-3), 3e3);

@@ -78,7 +78,7 @@ const SELDOM: [f64; 2] = [0.5, 0.1];
 /// Errors are in parts of a state's force, and of this part of the largest.
 const FLOOR: f64 = 0.05;
 /// How much of the terms of third and fourth order is carried over, the first of these with which lateral forces still grow.
-pub(crate) const CARRIED: [f64; 4] = [1.0, 0.5, 0.25, 0.0];
+const CARRIED: [f64; 4] = [1.0, 0.5, 0.25, 0.0];
 
 /// A record in its own frame.
 pub(crate) struct Local<'a> {
@@ -454,7 +454,7 @@ fn with_higher_terms(
         let [a, _, b] = &p.stiffness;
         (0.5 * (a.value(z) + b.value(z)), 0.5 * (a.slope(z) + b.slope(z)))
     };
-    let curve = |of: &dyn Fn(&Potential) -> &Curve, share: f64| {
+    let curve = |of: &dyn Fn(&Potential) -> &Curve| {
         let at = |&z: &f64| {
             let (here, here_slope) = mean(own, z);
             let mut sum = [0.0; 2];
@@ -463,8 +463,8 @@ fn with_higher_terms(
                 let ratio = here / there;
                 let ratio_slope = (here_slope - ratio * there_slope) / there;
                 let (value, slope) = (of(part).value(z), of(part).slope(z));
-                sum[0] += share * w * value * ratio;
-                sum[1] += share * w * (slope * ratio + value * ratio_slope);
+                sum[0] += w * value * ratio;
+                sum[1] += w * (slope * ratio + value * ratio_slope);
             }
             sum
         };
@@ -476,16 +476,31 @@ fn with_higher_terms(
         (slopes[0], slopes[last]) = (0.0, 0.0);
         Curve::hermite(knots, &values, &slopes, Extension::Constant)
     };
+    let cubic = |i: usize| curve(&move |p: &Potential| &p.cubic[i]);
+    let with = Potential {
+        cubic: [cubic(0)?, cubic(1)?, cubic(2)?, cubic(3)?],
+        quartic: curve(&|p| &p.quartic)?,
+        ..own.clone()
+    };
+    Ok(growing(&with, inward, range_m)?.unwrap_or_else(|| (own.clone(), 0.0)))
+}
+
+/// A potential with as much of its terms of third and fourth order as lateral forces still grow with, and how much; none if they don't
+/// without.
+pub(crate) fn growing(
+    potential: &Potential,
+    inward: DVec3,
+    range_m: f64,
+) -> Result<Option<(Potential, f64)>, BodyError> {
     for share in CARRIED {
-        let cubic = |i: usize| curve(&move |p: &Potential| &p.cubic[i], share);
-        let potential = Potential {
-            cubic: [cubic(0)?, cubic(1)?, cubic(2)?, cubic(3)?],
-            quartic: curve(&|p| &p.quartic, share)?,
-            ..own.clone()
-        };
+        let mut curves = potential.curves().map(Clone::clone);
+        for curve in &mut curves[UP_TO_STIFFNESS..QUANTITIES - 1] {
+            *curve = Curve::blend(&[(share, &*curve)])?;
+        }
+        let potential = Potential::from_curves(potential.tangents, curves);
         if potential.validate(inward, range_m).is_ok() {
-            return Ok((potential, share));
+            return Ok(Some((potential, share)));
         }
     }
-    Ok((own.clone(), 0.0))
+    Ok(None)
 }
