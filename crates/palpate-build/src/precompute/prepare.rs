@@ -174,12 +174,11 @@ pub fn prepare(
     let mut ground = Ground { triangles, open: touchable(&surface, &held, margin_m)?, surface, held };
     if let TestPoints::Count(count) | TestPoints::Adaptive { most: count, .. } = points {
         let before = ground.vertices();
-        let supported = |p| {
-            let mut places = simulation.fixed.iter().map(|support| &support.selection);
-            places.any(|of| matches!(of, Selection::Place(place) if place.contains(p, tolerance_m)))
+        let hold = |surface: &Surface, held: &mut [bool]| {
+            simulation.fixed.iter().try_for_each(|support| hold_surface(support, surface, tolerance_m, held))
         };
         while ground.vertices() < count as usize && ground.edge_m() > NEEDLESS * radius_m {
-            ground = ground.divided(spec, path, margin_m, supported)?;
+            ground = ground.divided(spec, path, margin_m, hold)?;
         }
         if ground.vertices() > before {
             notes.push(format!(
@@ -450,7 +449,7 @@ impl Ground {
         spec: &Spec,
         path: &Path,
         margin_m: f64,
-        supported: impl Fn(DVec3) -> bool,
+        hold: impl Fn(&Surface, &mut [bool]) -> Result<()>,
     ) -> Result<Self> {
         let Ground { triangles: TriangleMesh { mut positions, triangles }, surface, mut held, .. } = self;
         // A vertex's first node has its number.
@@ -469,14 +468,10 @@ impl Ground {
             finer.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
         }
         positions.extend(surface.smooth_points(&at));
-        let between = positions.len() - at.len()..;
-        held[between.clone()]
-            .iter_mut()
-            .zip(&positions[between])
-            .for_each(|(held, p)| *held |= supported(*p));
         let triangles = TriangleMesh { positions, triangles: finer };
         let surface = assemble::surface(spec, &triangles).map_err(|e| e.in_file(path))?;
-        let held: Vec<bool> = surface.vertices().iter().map(|&v| held[v as usize]).collect();
+        let mut held: Vec<bool> = surface.vertices().iter().map(|&v| held[v as usize]).collect();
+        hold(&surface, &mut held)?;
         let open = touchable(&surface, &held, margin_m)?;
         Ok(Ground { triangles, surface, held, open })
     }
@@ -893,7 +888,7 @@ mod tests {
         let open = touchable(&surface, &held, 1e-3).unwrap();
         let before = Ground { triangles, surface, held, open };
         let (edge, vertices) = (before.edge_m(), before.vertices());
-        let after = before.divided(&spec, Path::new("block.toml"), 1e-3, |_| false).unwrap();
+        let after = before.divided(&spec, Path::new("block.toml"), 1e-3, |_, _| Ok(())).unwrap();
         assert_eq!(after.triangles.triangles.len(), 4 * count);
         assert!(after.vertices() > 3 * vertices, "{} {vertices}", after.vertices());
         assert!((after.edge_m() / edge - 0.5).abs() < 0.02, "{} {edge}", after.edge_m());
