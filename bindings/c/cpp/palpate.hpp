@@ -379,6 +379,9 @@ public:
         return detail::status(palpate_contact_set_friction_scale(handle(), scale));
     }
     Status try_set_tank(bool tank) noexcept { return detail::status(palpate_contact_set_tank(handle(), tank)); }
+    Status try_set_partial_slip(bool partial_slip) noexcept {
+        return detail::status(palpate_contact_set_partial_slip(handle(), partial_slip));
+    }
     Status try_set_slip_rule(std::uint32_t rule) noexcept {
         return detail::status(palpate_contact_set_slip_rule(handle(), rule));
     }

@@ -189,7 +189,7 @@ fn made(mesh: TriangleMesh, samples: &[Sample], arrays: &palpate_body_arrays) ->
     };
     let software = concat!("palpate ", env!("CARGO_PKG_VERSION")).into();
     let provenance = Provenance { software, notes: report.notes, ..Provenance::default() };
-    let options = BodyOptions { tool, slip, tank: arrays.without_tank == 0, provenance };
+    let options = BodyOptions { tool, slip, tank: arrays.without_tank == 0, partial_slip: false, provenance };
     Ok(fitted.into_body(surface, options)?)
 }
 

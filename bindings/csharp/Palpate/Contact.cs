@@ -165,6 +165,9 @@ namespace Palpate
         /// <summary>Whether slip is kept from giving out more energy than it has dissipated before.</summary>
         public void SetTank(bool tank) { Native.Check(Native.palpate_contact_set_tank(Handle, tank ? 1u : 0u)); }
 
+        /// <summary>Whether there are two contact points side by side, as partial slip wants them, or one.</summary>
+        public void SetPartialSlip(bool partialSlip) { Native.Check(Native.palpate_contact_set_partial_slip(Handle, partialSlip ? 1u : 0u)); }
+
         /// <summary>Closes it.</summary>
         public void Dispose() { Handle.Dispose(); }
     }

@@ -87,6 +87,7 @@ namespace Palpate
         [DllImport(Library, CallingConvention = C)] internal static extern int palpate_contact_set_friction_scale(ContactHandle contact, double scale);
         [DllImport(Library, CallingConvention = C)] internal static extern int palpate_contact_set_slip_rule(ContactHandle contact, uint rule);
         [DllImport(Library, CallingConvention = C)] internal static extern int palpate_contact_set_tank(ContactHandle contact, uint tank);
+        [DllImport(Library, CallingConvention = C)] internal static extern int palpate_contact_set_partial_slip(ContactHandle contact, uint partial_slip);
         [DllImport(Library, CallingConvention = C)] internal static extern int palpate_contact_rollout(ContactHandle contact, ref NativePath path, ref NativeTrace trace, ref NativeError error);
         [DllImport(Library, CallingConvention = C)] internal static extern int palpate_rollout_many(ulong[] contacts, NativePath[] paths, [In, Out] NativeTrace[] traces, UIntPtr count, UIntPtr threads, ref NativeError error);
         [DllImport(Library, CallingConvention = C)] internal static extern int palpate_contact_close(IntPtr contact);

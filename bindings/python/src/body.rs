@@ -395,6 +395,12 @@ impl Body {
         self.shared.has_tank()
     }
 
+    /// Whether contacts are two contact points side by side, one with more, one with less friction.
+    #[getter]
+    fn has_partial_slip(&self) -> bool {
+        self.shared.has_partial_slip()
+    }
+
     /// Whether its law is a coupled potential; if not, it is curves.
     #[getter]
     fn is_coupled(&self) -> bool {

@@ -19,6 +19,7 @@ use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 ///     body: What it touches.
 ///     slip_rule: "consistent", "paper" or "exact"; the body's own if not given.
 ///     tank: Whether slip is kept from giving out more energy than it has dissipated before; as the body says if not given.
+///     partial_slip: Whether there are two contact points side by side, or one; as the body says if not given.
 ///     friction_scale: What the body's friction coefficients are multiplied by.
 ///     ablation: Interpolations that are switched off, as in the paper's section 5: "none", "coordinates", "responses" or "both".
 ///
@@ -64,6 +65,7 @@ pub fn made(
     body: &palpate::Body,
     rule: Option<&str>,
     tank: Option<bool>,
+    partial_slip: Option<bool>,
     friction_scale: f64,
     ablation: &str,
 ) -> PyResult<engine::Contact> {
@@ -81,6 +83,9 @@ pub fn made(
     let mut contact = engine::Contact::with_slip(body, slip_rule(rule, body)?, ablation);
     if let Some(tank) = tank {
         contact = contact.with_tank(tank);
+    }
+    if let Some(partial_slip) = partial_slip {
+        contact = contact.with_partial_slip(partial_slip);
     }
     contact.set_friction_scale(checked_scale(friction_scale)?);
     Ok(contact)
@@ -122,17 +127,18 @@ fn numbers<const N: usize>(what: &str, given: &Bound<'_, PyAny>) -> PyResult<[f6
 #[pymethods]
 impl Contact {
     #[new]
-    #[pyo3(signature = (body, *, slip_rule=None, tank=None, friction_scale=1.0, ablation="none"))]
+    #[pyo3(signature = (body, *, slip_rule=None, tank=None, partial_slip=None, friction_scale=1.0, ablation="none"))]
     fn new(
         py: Python<'_>,
         body: Py<Body>,
         slip_rule: Option<&str>,
         tank: Option<bool>,
+        partial_slip: Option<bool>,
         friction_scale: f64,
         ablation: &str,
     ) -> PyResult<Self> {
         let shared = body.get().shared.clone();
-        let state = py.detach(|| made(&shared, slip_rule, tank, friction_scale, ablation))?;
+        let state = py.detach(|| made(&shared, slip_rule, tank, partial_slip, friction_scale, ablation))?;
         Ok(Contact { body, shared, state: Mutex::new(state) })
     }
 

@@ -195,7 +195,7 @@ impl Samples {
         };
         let software = concat!("palpate ", env!("CARGO_PKG_VERSION")).into();
         let provenance = Provenance { software, notes: report.notes, ..Provenance::default() };
-        let options = BodyOptions { tool, slip: self.slip, tank: self.tank, provenance };
+        let options = BodyOptions { tool, slip: self.slip, tank: self.tank, partial_slip: false, provenance };
         fitted.into_body(surface, options).map_err(Raised::raised)
     }
 }

@@ -177,7 +177,7 @@ pub fn threads(given: Option<usize>) -> PyResult<usize> {
 ///     paths: As many as there shall be contacts.
 ///     start: A contact on the body whose present state all of them begin with, in place of the keywords below: for planning from a
 ///         moment. It is not changed.
-///     slip_rule, tank, friction_scale, ablation: As `Contact` has them.
+///     slip_rule, tank, partial_slip, friction_scale, ablation: As `Contact` has them.
 ///     threads: How many; one for each core if not given.
 ///
 /// Returns:
@@ -186,7 +186,7 @@ pub fn threads(given: Option<usize>) -> PyResult<usize> {
 /// Raises:
 ///     ArgumentError: `start` is on another body, or a value that is impossible.
 #[pyfunction]
-#[pyo3(signature = (body, paths, *, start=None, slip_rule=None, tank=None, friction_scale=1.0, ablation="none", threads=None))]
+#[pyo3(signature = (body, paths, *, start=None, slip_rule=None, tank=None, partial_slip=None, friction_scale=1.0, ablation="none", threads=None))]
 #[allow(clippy::too_many_arguments, reason = "in Python all but two are keywords")]
 pub fn rollout_many<'py>(
     py: Python<'py>,
@@ -195,6 +195,7 @@ pub fn rollout_many<'py>(
     start: Option<&Contact>,
     slip_rule: Option<&str>,
     tank: Option<bool>,
+    partial_slip: Option<bool>,
     friction_scale: f64,
     ablation: &str,
     threads: Option<usize>,
@@ -202,7 +203,9 @@ pub fn rollout_many<'py>(
     let shared = &body.shared;
     let threads = self::threads(threads)?;
     let first = match start {
-        None => py.detach(|| contact::made(shared, slip_rule, tank, friction_scale, ablation))?,
+        None => {
+            py.detach(|| contact::made(shared, slip_rule, tank, partial_slip, friction_scale, ablation))?
+        }
         Some(start) => {
             let (state, on) = start.copied()?;
             if on.identity() != shared.identity() {

@@ -29,7 +29,13 @@ fn lump() -> Body {
     let options = FitOptions { interpolation: Interpolation::Pchip, default_friction: None };
     let fitted = fit(&surface, &samples, &options).unwrap();
     let provenance = Provenance::default();
-    let options = BodyOptions { tool: Tool::Point, slip: SlipRule::default(), tank: true, provenance };
+    let options = BodyOptions {
+        tool: Tool::Point,
+        slip: SlipRule::default(),
+        tank: true,
+        partial_slip: false,
+        provenance,
+    };
     fitted.into_body(surface, options).unwrap()
 }
 

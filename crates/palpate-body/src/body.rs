@@ -325,6 +325,8 @@ pub struct BodyParts {
     pub slip: SlipRule,
     /// Whether contacts have the tank that keeps slip from giving out energy.
     pub tank: bool,
+    /// Whether contacts are two contact points side by side, one with more, one with less friction, as partial slip wants it.
+    pub partial_slip: bool,
     /// Where it all came from.
     pub provenance: Provenance,
 }
@@ -368,6 +370,7 @@ impl Body {
             tool,
             slip,
             tank,
+            partial_slip,
             provenance,
         } = parts;
         let points = coupled.as_ref().map_or(responses.len(), CoupledLaw::len);
@@ -422,6 +425,7 @@ impl Body {
             tool,
             slip,
             tank,
+            partial_slip,
             identity,
             gradients: OnceLock::new(),
         };
@@ -462,6 +466,12 @@ impl Body {
         self
     }
 
+    /// The same with two contact points side by side, or with one: see [`BodyParts::partial_slip`].
+    pub fn with_partial_slip(mut self, partial_slip: bool) -> Self {
+        self.model.partial_slip = partial_slip;
+        self
+    }
+
     /// The same with another account of where it came from.
     pub fn with_provenance(mut self, provenance: Provenance) -> Self {
         self.provenance = provenance;
@@ -492,6 +502,7 @@ impl Body {
             tool: Tool::Point,
             slip: SlipRule::default(),
             tank: true,
+            partial_slip: false,
             provenance: Provenance::default(),
         })
     }
@@ -535,6 +546,7 @@ impl Body {
             tool: self.tool,
             slip: self.slip,
             tank: self.tank,
+            partial_slip: self.partial_slip,
             provenance: self.provenance.clone(),
         }
     }

@@ -28,7 +28,7 @@ const _: () =
 
 const SCHEMA: &str = "palpate-body";
 /// What this program reads up to. A body is written in the least version that holds all of it.
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 const UNITS: &str = "SI: m, N, J";
 
 /// Bytes of the header's length, which the file begins with.
@@ -54,12 +54,16 @@ struct Sizes {
     tank: bool,
     /// How the surface moves: version 5.
     fields: Option<FieldSizes>,
+    /// Whether contacts are two contact points side by side: version 6.
+    partial_slip: bool,
 }
 
 impl Sizes {
     /// The least version that holds it.
     fn version(&self) -> u32 {
-        if self.fields.is_some() {
+        if self.partial_slip {
+            6
+        } else if self.fields.is_some() {
             5
         } else if self.coupled || self.tank {
             4
@@ -308,6 +312,7 @@ impl Body {
             tool: file.json("tool", serde_json::from_str)?,
             slip: file.slip()?,
             tank: file.tank()?,
+            partial_slip: file.partial_slip()?,
             provenance: file.json("provenance", serde_json::from_str::<Provenance>)?,
         })
     }
@@ -335,6 +340,7 @@ impl Body {
             other_slip: self.slip != SlipRule::Paper,
             coupled: self.coupled.is_some(),
             tank: self.has_tank(),
+            partial_slip: self.has_partial_slip(),
         })
     }
 
@@ -368,6 +374,9 @@ impl Body {
             ]);
             if sizes.tank {
                 __metadata__.insert("tank", "on".into());
+            }
+            if sizes.partial_slip {
+                __metadata__.insert("partial_slip", "on".into());
             }
             let mut header = vec![0; LENGTH];
             serde_json::to_writer(&mut header, &Header { __metadata__, tensors })?;
@@ -551,6 +560,7 @@ impl<'a> File<'a> {
             other_slip: version >= 3,
             tank: version >= 4,
             fields: if version >= 5 { FieldSizes::of(rows) } else { None },
+            partial_slip: version >= 6,
         });
         for (name, dtype, shape) in &layout {
             let problem = match self.header.info(name) {
@@ -602,15 +612,25 @@ impl<'a> File<'a> {
         Ok(rule)
     }
 
-    /// Whether slip is kept from giving out energy; files before version 4 knew no such thing.
+    /// Whether slip is kept from giving out energy.
     pub fn tank(&self) -> Result<bool> {
-        let tank = self.header.metadata().as_ref().and_then(|m| m.get("tank"));
-        match tank.filter(|_| self.version >= 4).map(String::as_str) {
+        self.switch("tank", 4)
+    }
+
+    /// Whether contacts are two contact points side by side.
+    pub fn partial_slip(&self) -> Result<bool> {
+        self.switch("partial_slip", 6)
+    }
+
+    /// What is on or off, and off in files before `version`, which knew no such thing.
+    fn switch(&self, key: &str, version: u32) -> Result<bool> {
+        let value = self.header.metadata().as_ref().and_then(|m| m.get(key));
+        match value.filter(|_| self.version >= version).map(String::as_str) {
             None | Some("off") => Ok(false),
             Some("on") => Ok(true),
             Some(other) => {
                 let problem = format!("it is `{other}`, where `on` or `off` belongs");
-                Err(BodyError::invalid("metadata `tank`", problem, "make the body again"))
+                Err(BodyError::invalid(format!("metadata `{key}`"), problem, "make the body again"))
             }
         }
     }

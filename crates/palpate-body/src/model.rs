@@ -30,6 +30,8 @@ pub struct ContactModel {
     pub(crate) slip: SlipRule,
     /// Whether slip is kept from giving out energy.
     pub(crate) tank: bool,
+    /// Whether contacts are two contact points side by side.
+    pub(crate) partial_slip: bool,
     pub(crate) identity: u64,
     /// What follows from the rest, once it is prepared.
     pub(crate) gradients: OnceLock<Gradients>,
@@ -48,6 +50,7 @@ impl PartialEq for ContactModel {
             && self.tool == other.tool
             && self.slip == other.slip
             && self.tank == other.tank
+            && self.partial_slip == other.partial_slip
     }
 }
 
@@ -55,7 +58,13 @@ impl ContactModel {
     /// Knots, tool and slip rule alone, with nothing to touch: what a [`Patch`](crate::Patch) fills.
     pub(crate) fn model_header(&self) -> Self {
         let law = (self.responses.without_points(), self.potentials.without_points());
-        Self::without_surface(law, self.creased, self.tool, (self.slip, self.tank), self.identity)
+        Self::without_surface(
+            law,
+            self.creased,
+            self.tool,
+            (self.slip, self.tank, self.partial_slip),
+            self.identity,
+        )
     }
 
     /// With the knots of a law, and nothing to touch.
@@ -63,7 +72,7 @@ impl ContactModel {
         (responses, potentials): (Responses, Potentials),
         creased: bool,
         tool: Tool,
-        (slip, tank): (SlipRule, bool),
+        (slip, tank, partial_slip): (SlipRule, bool, bool),
         identity: u64,
     ) -> Self {
         ContactModel {
@@ -77,6 +86,7 @@ impl ContactModel {
             tool,
             slip,
             tank,
+            partial_slip,
             identity,
             gradients: OnceLock::new(),
         }
@@ -157,6 +167,12 @@ impl ContactModel {
     #[inline]
     pub fn has_tank(&self) -> bool {
         self.tank
+    }
+
+    /// Whether the body asks for partial slip: two contact points side by side, one with more, one with less friction (MODEL 4).
+    #[inline]
+    pub fn has_partial_slip(&self) -> bool {
+        self.partial_slip
     }
 
     /// The slip rule the body asks for.

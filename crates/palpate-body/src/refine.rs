@@ -213,6 +213,7 @@ impl Body {
             tool: self.tool,
             slip: self.slip,
             tank: self.tank,
+            partial_slip: self.partial_slip,
             provenance: self.provenance.clone(),
         })?;
         // They are given on a surface of their own, for the same test points.

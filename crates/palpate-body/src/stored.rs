@@ -159,7 +159,7 @@ impl StoredBody {
                 model_header,
                 creased(vertices),
                 tool,
-                (own, parsed.tank()?),
+                (own, parsed.tank()?, parsed.partial_slip()?),
                 0,
             ),
             search,

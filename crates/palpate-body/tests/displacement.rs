@@ -84,6 +84,7 @@ fn of_surface(surface: Surface) -> Body {
         tool: Tool::Sphere { radius_m: RADIUS },
         slip: SlipRule::Paper,
         tank: false,
+        partial_slip: false,
         provenance: Provenance::default(),
     })
     .unwrap()

@@ -7,9 +7,9 @@ mod support;
 
 use glam::DVec3;
 use palpate_body::{
-    BlendWeights, Body, BodyParts, BodySource, CoupledLaw, Curve, Extension, Interpolation,
-    InterpolationErrors, LeftOut, PointErrors, PotentialErrors, Provenance, Response, SlipRule, StoredBody,
-    Surface, Tensor, Tool, TriangleMesh, tensor,
+    BlendWeights, Body, BodyParts, BodySource, ContactModel, CoupledLaw, Curve, Extension, Fineness,
+    Interpolation, InterpolationErrors, LeftOut, PointErrors, PotentialErrors, Provenance, Response,
+    SlipRule, StoredBody, Surface, Tensor, Tool, TriangleMesh, tensor,
 };
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -126,6 +126,7 @@ fn made(
         tool: Tool::Sphere { radius_m: 0.01 / 3.0 },
         slip: SlipRule::Paper,
         tank: true,
+        partial_slip: false,
         provenance: Provenance {
             command: "palpate fit --mesh \"a b.stl\"".into(),
             software: "palpate 0.1.0".into(),
@@ -222,25 +223,30 @@ fn old_files_are_read() {
     }
 }
 
-/// Whether a body has the tank is read again, whatever its law, at once and patch by patch.
+/// Whether a body has the tank, and partial slip, is read again, whatever its law, at once and patch by patch.
 #[test]
-fn the_tank_is_kept() {
+fn tank_and_partial_slip_are_kept() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.body");
     for body in bodies() {
-        for tank in [true, false] {
-            let body = body.clone().with_tank(tank);
-            assert_eq!(Body::new(body.parts()).unwrap(), body, "its parts keep the tank");
-            assert_eq!(body.has_tank(), tank);
+        for (tank, partial) in [(true, false), (false, false), (true, true), (false, true)] {
+            let body = body.clone().with_tank(tank).with_partial_slip(partial);
+            assert_eq!(Body::new(body.parts()).unwrap(), body, "its parts keep both");
+            let has = |model: &ContactModel| (model.has_tank(), model.has_partial_slip());
+            assert_eq!(has(&body), (tank, partial));
             body.save(&path).unwrap();
-            assert_eq!(Body::open(&path).unwrap().has_tank(), tank);
+            assert_eq!(has(&Body::open(&path).unwrap()), (tank, partial));
+            let refined = body.refined(Fineness::sagitta(1e-3)).unwrap().body;
+            assert_eq!(has(&refined), (tank, partial));
             let stored = StoredBody::open(&path, None).unwrap();
-            assert_eq!(stored.model_header().has_tank(), tank);
+            assert_eq!(has(stored.model_header()), (tank, partial));
             let mut patch = stored.patch();
             stored.take(&mut patch, body.nodes()[0].position.to_array(), 4, &|| ()).unwrap();
-            assert_eq!(patch.model().has_tank(), tank);
-            let newest = String::from_utf8_lossy(&body.to_bytes().unwrap()).contains("\"version\":\"4\"");
-            assert_eq!(newest, tank || body.is_coupled());
+            assert_eq!(has(patch.model()), (tank, partial));
+            let written = String::from_utf8_lossy(&body.to_bytes().unwrap()).into_owned();
+            let version = |n: u32| written.contains(&format!("\"version\":\"{n}\""));
+            assert_eq!(version(6), partial);
+            assert_eq!(version(4), !partial && (tank || body.is_coupled()));
         }
     }
 }
@@ -285,6 +291,7 @@ fn the_radius_survives_to_the_last_bit() {
             tool: Tool::Sphere { radius_m: radius },
             slip: SlipRule::Paper,
             tank: true,
+            partial_slip: false,
             provenance: Provenance::default(),
         })
         .unwrap();
@@ -330,6 +337,7 @@ fn a_failed_save_leaves_the_old_file() {
         tool: Tool::Point,
         slip: SlipRule::Paper,
         tank: true,
+        partial_slip: false,
         provenance: Provenance { spec: Some("x".repeat(5 << 20)), ..Default::default() },
     });
     let message = wordy.unwrap().save(&path).unwrap_err().to_string();
@@ -381,7 +389,7 @@ fn messages_name_the_place_and_the_hint() {
     refused(&bytes[..bytes.len() - 1], &["tensors", "incomplete"]);
     refused(&[&bytes[..], &[0]].concat(), &["tensors", "incomplete"]);
     changed("\"palpate-body\"", "\"llama\"", &["metadata `schema`", "`llama`", "no body file"]);
-    changed("\"version\":\"1\"", "\"version\":\"6\"", &["metadata `version`", "newer palpate", "update"]);
+    changed("\"version\":\"1\"", "\"version\":\"7\"", &["metadata `version`", "newer palpate", "update"]);
     changed("\"version\":\"1\"", "\"version\":\"-1\"", &["metadata `version`", "`-1`"]);
     changed("\"version\":\"1\"", "\"edition\":\"1\"", &["metadata `version`", "missing"]);
     changed("SI: m, N, J", "mm, N", &["metadata `units`", "mm"]);
@@ -399,6 +407,11 @@ fn messages_name_the_place_and_the_hint() {
     refused(
         &with_header(&tank, "\"tank\":\"on\"", "\"tank\":\"full\""),
         &["metadata `tank`", "`full`", "`on`"],
+    );
+    let partial = body(&cube(), 0.5, 4).with_partial_slip(true).to_bytes().unwrap();
+    refused(
+        &with_header(&partial, "\"partial_slip\":\"on\"", "\"partial_slip\":\"two\""),
+        &["metadata `partial_slip`", "`two`", "`on`"],
     );
     changed("radius_m", "radius_mm", &["metadata `tool`", "radius_mm"]);
     changed("\"positions\"", "\"position\"", &["tensor `positions`", "missing"]);

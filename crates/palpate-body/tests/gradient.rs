@@ -41,6 +41,7 @@ fn body(mesh: &TriangleMesh, blends: Vec<BlendWeights>, responses: Vec<Response>
         tool: Tool::Point,
         slip: SlipRule::Consistent,
         tank: true,
+        partial_slip: false,
         provenance: Provenance::default(),
     })
     .unwrap()

@@ -110,6 +110,7 @@ impl FitInputs {
             tool: spec.map_or(Tool::Point, |s| s.tool),
             slip: spec.map_or_else(SlipRule::default, |s| s.slip),
             tank: spec.is_none_or(|s| s.tank),
+            partial_slip: spec.and_then(|s| s.partial_slip).unwrap_or(false),
             provenance,
         };
         let body = fitted.into_body(surface, options);

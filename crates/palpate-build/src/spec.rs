@@ -49,6 +49,8 @@ pub struct Spec {
     pub slip: SlipRule,
     /// Whether slip is kept from giving out energy.
     pub tank: bool,
+    /// Whether contacts are two contact points side by side; where nothing is said, those of coupled laws are.
+    pub partial_slip: Option<bool>,
     /// Responses by a formula.
     pub law: Option<AnalyticLaw>,
     /// Tables and keys that this version reads but does not use.
@@ -166,6 +168,7 @@ impl Spec {
             tool: raw.tool.as_ref().map_or(Ok(ToolShape::Point), |t| tool(&source, t))?.of_body(),
             slip: raw.slip.as_ref().map_or(Ok(SlipRule::default()), |s| slip(&source, s))?,
             tank: raw.slip.as_ref().is_none_or(RawSlip::tank),
+            partial_slip: raw.slip.as_ref().and_then(|s| s.partial),
             law,
             ignored,
             text,

@@ -131,8 +131,10 @@ pub enum Source {
     ExactSlip,
     /// Slip may give out more energy than was dissipated.
     WithoutTank,
-    /// Contacts side by side, which slip one after the other as the rings under a ball do (Mindlin).
-    MicroSlip,
+    /// One contact point, which slips as a whole.
+    OnePoint,
+    /// Eight contact points side by side, which slip one after the other as the rings under a ball do (Mindlin).
+    EightPoints,
     /// Friction multiplied by what the simulated pressures of the path hold, in parts of μ f_z.
     PressureFriction,
     /// The simulation's coefficient of friction for that of slip, which counts the surface's curvature.
@@ -157,13 +159,14 @@ pub enum Source {
 
 impl Source {
     /// All, in the order of the table.
-    pub const ALL: [Source; 15] = [
+    pub const ALL: [Source; 16] = [
         Source::Body,
         Source::PaperSlip,
         Source::ConsistentSlip,
         Source::ExactSlip,
         Source::WithoutTank,
-        Source::MicroSlip,
+        Source::OnePoint,
+        Source::EightPoints,
         Source::PressureFriction,
         Source::FlatFriction,
         Source::WithoutOffset,
@@ -183,7 +186,8 @@ impl Source {
             Source::ConsistentSlip => "slip rule consistent",
             Source::ExactSlip => "slip rule exact",
             Source::WithoutTank => "without the tank",
-            Source::MicroSlip => "with partial slip (Mindlin)",
+            Source::OnePoint => "one contact point",
+            Source::EightPoints => "eight contact points side by side",
             Source::PressureFriction => "friction as the simulated pressures hold",
             Source::FlatFriction => "slip's friction as on a plane",
             Source::WithoutOffset => "law without b",

@@ -46,6 +46,7 @@ fn body(radius_m: f64) -> Body {
         tool: if radius_m > 0.0 { Tool::Sphere { radius_m } } else { Tool::Point },
         slip: SlipRule::Consistent,
         tank: true,
+        partial_slip: false,
         provenance: Provenance::default(),
     })
     .unwrap()
@@ -305,9 +306,11 @@ fn a_ball_that_slips_ring_by_ring_is_what_contacts_side_by_side_give() {
     // Contacts that slip at x carry the share that Mindlin's curve bends by there.
     let remaining = (0..24).map(|i| (f64::from(i) + 0.5) / 24.0);
     let friction = remaining.map(|q| 1.5 * (1.0 - q * q)).collect();
-    let v = free(&body, &Engine { friction, ..Engine::of(&body) }, 12);
-    let [body, partial] = [Source::Body, Source::MicroSlip].map(|s| of(&v, s).lateral.of_largest);
-    assert!(body.p95 > 3.0 && partial.p95 < 0.5, "{body:?} {partial:?}");
+    let two = body.clone().with_partial_slip(true);
+    let v = free(&two, &Engine { friction, ..Engine::of(&body) }, 12);
+    let [two, one, eight] =
+        [Source::Body, Source::OnePoint, Source::EightPoints].map(|s| of(&v, s).lateral.of_largest);
+    assert!(one.p95 > 3.0 && two.p95 < 0.5 * one.p95 && eight.p95 < 0.5, "{one:?} {two:?} {eight:?}");
 }
 
 #[test]

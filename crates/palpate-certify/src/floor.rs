@@ -26,7 +26,7 @@ pub struct Raised {
     pub rounds: u32,
 }
 
-/// The body with its friction raised to the floor, and the rule `paper`, whose floor it is. Curves that have enough stay as they are.
+/// The body with its friction raised to the floor, and the rule `paper` and one contact point, whose floor it is. Curves that have enough stay as they are.
 ///
 /// # Errors
 /// An element that no friction makes passive, with its place.
@@ -152,7 +152,7 @@ fn noted(mut parts: BodyParts, raised: &Raised) -> BodyParts {
         raised.test_points, raised.largest_rise
     );
     parts.provenance.notes.push(note);
-    // It is the floor of this rule.
-    parts.slip = SlipRule::Paper;
+    // It is the floor of this rule, of a contact that slips as a whole.
+    (parts.slip, parts.partial_slip) = (SlipRule::Paper, false);
     parts
 }

@@ -14,7 +14,7 @@ pub use question::{Certified, Question, certify, certify_on};
 use palpate_body::stiffness::{StiffnessAt, stiffness_max};
 use palpate_body::{Body, NO_TWIN, SlipRule};
 use palpate_engine::certify::{
-    Assumptions, Bounds, Criterion, Effort, ElementStates, ROUNDING, SHALLOWEST, least,
+    Assumptions, Bounds, Criterion, Effort, ElementStates, ROUNDING, SHALLOWEST, frictions, least,
 };
 use rayon::prelude::*;
 use serde::Serialize;
@@ -31,13 +31,17 @@ pub fn evaluations(body: &Body, rule: SlipRule) -> u32 {
     }
 }
 
-/// P and S of one element.
+/// P and S of one element; where slip is partial, of the contact point that has less of each.
 #[derive(Debug, Clone)]
 pub struct Element {
     /// g·t/(f_z + f_r).
     pub passive: Bounds,
+    /// The friction that this is of, in parts of the body's.
+    pub passive_friction: f64,
     /// η, N/m.
     pub snap_free: Bounds,
+    /// The friction that this is of, in parts of the body's.
+    pub snap_free_friction: f64,
     /// The Lipschitz constant, N/m; none where S is not proved.
     pub lipschitz: Option<Bounds>,
     /// Whether one of its edges is a crease: there the frames jump.
@@ -80,6 +84,59 @@ impl Element {
     pub fn snap_free(&self) -> Verdict {
         if self.creased { Verdict::Fails } else { Verdict::of(&self.snap_free, !self.too_far) }
     }
+
+    /// Bounds of P, and the friction that they are of.
+    fn passive_bounds(&self) -> (&Bounds, f64) {
+        (&self.passive, self.passive_friction)
+    }
+
+    /// Bounds of S, and the friction that they are of.
+    fn snap_free_bounds(&self) -> (&Bounds, f64) {
+        (&self.snap_free, self.snap_free_friction)
+    }
+
+    fn of(body: &Body, element: u32, assumptions: &Assumptions, evaluations: u32, friction: f64) -> Self {
+        let patch = ElementStates::new(body, element, &assumptions.with_friction(friction));
+        let cells = patch.cells();
+        let effort = |absolute| Effort { evaluations, absolute, relative: 0.1 };
+        let snap_free = least(Criterion::SnapFree, &patch, &cells, effort(1.0));
+        let too_far = patch.holds_too_far();
+        Element {
+            passive: least(Criterion::Passive, &patch, &cells, effort(0.01)),
+            passive_friction: friction,
+            lipschitz: (snap_free.proved > 0.0).then(|| {
+                least(Criterion::Lipschitz, &patch.snap_free(snap_free.proved), &cells, effort(1.0))
+            }),
+            snap_free,
+            snap_free_friction: friction,
+            creased: is_creased(body, element),
+            too_far,
+        }
+    }
+
+    /// Of two contact points side by side: force and energies are their means, and so no bound is worse than the worse of both.
+    fn worse(self, other: Element) -> Element {
+        let first = |one: &Bounds, other: &Bounds| one.found <= other.found;
+        let friction = |one: f64, other: f64, first: bool| if first { one } else { other };
+        let passive_first = first(&self.passive, &other.passive);
+        let snap_free_first = first(&self.snap_free, &other.snap_free);
+        Element {
+            passive: least_of(self.passive, other.passive),
+            passive_friction: friction(self.passive_friction, other.passive_friction, passive_first),
+            snap_free: least_of(self.snap_free, other.snap_free),
+            snap_free_friction: friction(self.snap_free_friction, other.snap_free_friction, snap_free_first),
+            lipschitz: self.lipschitz.zip(other.lipschitz).map(|(one, other)| least_of(one, other)),
+            creased: self.creased,
+            too_far: self.too_far || other.too_far,
+        }
+    }
+}
+
+/// What bounds both.
+fn least_of(one: Bounds, other: Bounds) -> Bounds {
+    let (proved, evaluations) = (one.proved.min(other.proved), one.evaluations + other.evaluations);
+    let least = if one.found <= other.found { one } else { other };
+    Bounds { proved, evaluations, ..least }
 }
 
 /// Bounds of every element of a body, in their order; none once `cancelled` is true. `done` is called after each.
@@ -96,22 +153,11 @@ pub fn elements(
             if cancelled.load(Ordering::Relaxed) {
                 return None;
             }
-            let patch = ElementStates::new(body, element, assumptions);
-            let cells = patch.cells();
-            let effort = |absolute| Effort { evaluations, absolute, relative: 0.1 };
-            let snap_free = least(Criterion::SnapFree, &patch, &cells, effort(1.0));
-            let too_far = patch.holds_too_far();
-            let found = Element {
-                passive: least(Criterion::Passive, &patch, &cells, effort(0.01)),
-                lipschitz: (snap_free.proved > 0.0).then(|| {
-                    least(Criterion::Lipschitz, &patch.snap_free(snap_free.proved), &cells, effort(1.0))
-                }),
-                snap_free,
-                creased: is_creased(body, element),
-                too_far,
-            };
+            let each = frictions(body).iter();
+            let each = each.map(|&friction| Element::of(body, element, assumptions, evaluations, friction));
+            let found = each.reduce(Element::worse);
             done();
-            Some(found)
+            found
         })
         .collect()
 }
@@ -182,9 +228,10 @@ pub fn holds(
     body: &Body,
     assumptions: &Assumptions,
     elements: &[Element],
-    bounds: fn(&Element) -> &Bounds,
+    bounds: fn(&Element) -> (&Bounds, f64),
     verdict: fn(&Element) -> Verdict,
 ) -> Holds {
+    let (bounds, friction) = (|e| bounds(e).0, |e| bounds(e).1);
     let count = |v: Verdict| elements.iter().filter(|e| verdict(e) == v).count();
     let proved = elements.iter().map(|e| bounds(e).proved).fold(f64::INFINITY, f64::min);
     let worst = elements.iter().enumerate().min_by(|a, b| bounds(a.1).found.total_cmp(&bounds(b.1).found));
@@ -197,7 +244,8 @@ pub fn holds(
         proved_elements: count(Verdict::Proved),
         failing_elements: count(Verdict::Fails),
         undecided_elements: count(Verdict::Undecided),
-        worst: worst.and_then(|(i, e)| Place::of(body, assumptions, i as u32, bounds(e))),
+        worst: worst
+            .and_then(|(i, e)| Place::of(body, &assumptions.with_friction(friction(e)), i as u32, bounds(e))),
         witness: None,
     }
 }
@@ -221,19 +269,19 @@ pub struct WindowRow {
 pub fn window(body: &Body, assumptions: &Assumptions, cancelled: &AtomicBool) -> Option<Vec<WindowRow>> {
     let effort = Effort { evaluations: 0, absolute: 0.0, relative: 0.0 };
     let row = |factor: f64| {
-        let assumptions =
-            Assumptions { friction_factor: assumptions.friction_factor * factor, ..*assumptions };
+        let assumptions = assumptions.with_friction(factor);
         let found: Option<Vec<[f64; 2]>> = (0..body.elements().len() as u32)
             .into_par_iter()
             .map(|element| {
                 if cancelled.load(Ordering::Relaxed) {
                     return None;
                 }
-                let patch = ElementStates::new(body, element, &assumptions);
-                let cells = patch.cells();
-                Some(
-                    [Criterion::Passive, Criterion::SnapFree].map(|c| least(c, &patch, &cells, effort).found),
-                )
+                let each = frictions(body).iter().map(|&friction| {
+                    let patch = ElementStates::new(body, element, &assumptions.with_friction(friction));
+                    let cells = patch.cells();
+                    [Criterion::Passive, Criterion::SnapFree].map(|c| least(c, &patch, &cells, effort).found)
+                });
+                each.reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1])])
             })
             .collect();
         let found = found?;
@@ -310,7 +358,7 @@ const EXACT: &str = "exact slips down the energy's own slope and never up, whate
 
 /// Adds up what was found on the elements.
 pub fn certificate(body: &Body, assumptions: &Assumptions, elements: &[Element]) -> Certificate {
-    let snap_free = holds(body, assumptions, elements, |e| &e.snap_free, Element::snap_free);
+    let snap_free = holds(body, assumptions, elements, Element::snap_free_bounds, Element::snap_free);
     // Bounds are of the negative.
     let lipschitz = |of: fn(&Bounds) -> f64| {
         let each = elements.iter().filter_map(|e| e.lipschitz.as_ref());
@@ -324,7 +372,7 @@ pub fn certificate(body: &Body, assumptions: &Assumptions, elements: &[Element])
     let stiffness = stiffness_max(body);
     // Where nothing slips the stiffness in stick is all there is.
     let stick = stiffness.last().map_or(0.0, |s| s.value);
-    let mut passive = holds(body, assumptions, elements, |e| &e.passive, Element::passive);
+    let mut passive = holds(body, assumptions, elements, Element::passive_bounds, Element::passive);
     let mut remarks = Vec::new();
     if exact {
         (passive.holds, passive.margin, passive.found) = (true, Some(0.0), None);

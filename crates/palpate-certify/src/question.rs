@@ -5,7 +5,9 @@ use crate::witness::{self, Shown};
 use crate::{Certificate, Element, certificate, elements, evaluations, window};
 use anyhow::{Result, anyhow, ensure};
 use palpate_body::Body;
-use palpate_engine::certify::{Assumptions, Bounds, Cell, Criterion, Effort, ElementStates, least};
+use palpate_engine::certify::{
+    Assumptions, Bounds, Cell, Criterion, Effort, ElementStates, frictions, least,
+};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -90,13 +92,13 @@ pub fn certify(
         let pace = if asked { pace(body, assumptions, &elements, evaluations, cancelled) } else { None };
         found.device = Some(device::limits(body, device, found.lipschitz_n_per_m, pace));
     }
-    let tried = |bounds: fn(&Element) -> &Bounds, of: WitnessOf| {
+    let tried = |bounds: BoundsOf, of: WitnessOf| {
         worst(&elements, bounds)
             .take_while(|_| !cancelled.load(Ordering::Relaxed))
-            .find_map(|(e, b)| of(body, assumptions, e, &b.at?))
+            .find_map(|(e, (b, friction))| of(body, &assumptions.with_friction(friction), e, &b.at?))
     };
-    found.passive.witness = tried(|e| &e.passive, witness::of_energy);
-    found.snap_free.witness = tried(|e| &e.snap_free, witness::of_snap);
+    found.passive.witness = tried(Element::passive_bounds, witness::of_energy);
+    found.snap_free.witness = tried(Element::snap_free_bounds, witness::of_snap);
     // What was cut short is no answer.
     let answer = Certified { certificate: found, elements };
     Ok((!cancelled.load(Ordering::Relaxed)).then_some(answer))
@@ -120,16 +122,15 @@ pub fn certify_on(
     pool.install(|| certify(body, question, done, cancelled))
 }
 
+type BoundsOf = fn(&Element) -> (&Bounds, f64);
+
 type WitnessOf = fn(&Body, &Assumptions, u32, &Cell) -> Option<Shown>;
 
 /// Elements that break a certificate, the worst first.
-fn worst(
-    elements: &[Element],
-    bounds: fn(&Element) -> &Bounds,
-) -> impl Iterator<Item = (u32, &Bounds)> + use<'_> {
-    let mut order: Vec<(u32, &Bounds)> = (0..).zip(elements.iter().map(bounds)).collect();
-    order.retain(|(_, b)| b.found < 0.0);
-    order.sort_by(|a, b| a.1.found.total_cmp(&b.1.found));
+fn worst(elements: &[Element], bounds: BoundsOf) -> impl Iterator<Item = (u32, (&Bounds, f64))> + use<'_> {
+    let mut order: Vec<(u32, (&Bounds, f64))> = (0..).zip(elements.iter().map(bounds)).collect();
+    order.retain(|(_, (b, _))| b.found < 0.0);
+    order.sort_by(|a, b| a.1.0.found.total_cmp(&b.1.0.found));
     order.into_iter().take(WITNESSES_TRIED)
 }
 
@@ -146,8 +147,12 @@ fn pace(
         if cancelled.load(Ordering::Relaxed) {
             return f64::NEG_INFINITY;
         }
-        let patch = ElementStates::new(body, element as u32, assumptions).snap_free(proved.snap_free.proved);
-        least(Criterion::Pace, &patch, &patch.cells(), effort).proved
+        let each = frictions(body).iter().map(|&friction| {
+            let patch = ElementStates::new(body, element as u32, &assumptions.with_friction(friction))
+                .snap_free(proved.snap_free.proved);
+            least(Criterion::Pace, &patch, &patch.cells(), effort).proved
+        });
+        each.fold(f64::INFINITY, f64::min)
     };
     let least = elements.par_iter().enumerate().map(of).reduce(|| 0.0, f64::min);
     (least > f64::NEG_INFINITY).then_some(-least)

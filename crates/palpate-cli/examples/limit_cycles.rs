@@ -106,6 +106,7 @@ fn plane(k: f64) -> Result<Body> {
         tool: Tool::Point,
         slip: SlipRule::Paper,
         tank: true,
+        partial_slip: false,
         provenance: Provenance::default(),
     })?)
 }

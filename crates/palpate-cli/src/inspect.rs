@@ -32,6 +32,8 @@ pub struct Inspection {
     pub slip: SlipRule,
     /// Whether slip is kept from giving out energy.
     pub tank: bool,
+    /// Whether contacts are two contact points side by side.
+    pub partial_slip: bool,
     /// Whether the lateral response depends on the direction.
     pub anisotropic: bool,
     /// Least and greatest over the nodes: how many times as stiff laterally the stiffest direction is as the softest.
@@ -299,6 +301,7 @@ pub fn inspect(body: &Body) -> Inspection {
         coupled: body.coupled_law().map(coupled_ranges),
         slip: body.slip(),
         tank: body.has_tank(),
+        partial_slip: body.has_partial_slip(),
         anisotropic: !body.is_isotropic() || body.is_coupled(),
         lateral_ratio: principals(body)
             .map(|p| p.ratio())

@@ -215,6 +215,7 @@ fn body(shape: Shape, edge_length_mm: f64, friction: f64) -> Body {
         tool: Tool::Point,
         slip: SlipRule::Paper,
         tank: true,
+        partial_slip: false,
         provenance: Provenance::default(),
     })
     .unwrap()
@@ -231,7 +232,7 @@ fn violations(body: &Body, steps: usize, seed: u64) -> usize {
     let [a, b, c] = body.corners(seed as u32 % body.elements().len() as u32);
     let (mut x, mut v) =
         ((a + b + c) / 3.0 + body.outward(seed as u32 % body.elements().len() as u32) * 1e-3, DVec3::X);
-    let (mut count, mut before) = (0, *contact.energy());
+    let (mut count, mut before) = (0, contact.energy());
     for _ in 0..steps {
         let output = contact.step(body, &ToolState::at(x.to_array()), 1e-3);
         let energy = output.energy;

@@ -66,6 +66,7 @@ fn tube(finer: u32, ratio: f64) -> Body {
         tool: Tool::Point,
         slip: SlipRule::Paper,
         tank: true,
+        partial_slip: false,
         provenance: Provenance::default(),
     })
     .unwrap()

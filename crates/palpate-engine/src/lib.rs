@@ -18,6 +18,7 @@
 //! # let body = Body::new(BodyParts { blends: vec![BlendWeights::own(0); surface.positions().len()], surface, responses,
 //! #     test_point_nodes: vec![0], coupled: None, lateral_tensors: None, tool: Tool::Point, slip: SlipRule::Paper,
 //! #     tank: true,
+//! #     partial_slip: false,
 //! #     provenance: Provenance::default() })?;
 //! let mut contact = Contact::new(&body);
 //! contact.step(&body, &ToolState::at([0.0, 0.0, 31e-3]), 1e-3); // above the sphere
@@ -37,12 +38,13 @@ mod flags;
 mod force_law;
 mod kernel;
 mod output;
+mod point_contact;
 mod rollout;
 mod sensitivity;
 mod slip;
 mod walk;
 
-pub use contact::Contact;
+pub use contact::{Contact, PARTIAL_SLIP};
 pub use flags::Flags;
 pub use kernel::Ablation;
 pub use output::{ContactPoint, Counters, Ledger, Output, ToolState};

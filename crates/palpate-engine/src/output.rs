@@ -1,6 +1,7 @@
 //! A step's input and output: plain data.
 
 use crate::flags::Flags;
+use crate::point_contact::Effort;
 use glam::DVec3;
 
 /// Coordinates beyond this (m) are treated as a device's fault, like a non-finite one.
@@ -82,6 +83,19 @@ impl Ledger {
         TANK * self.stored_j.max(0.0)
     }
 
+    /// Of two contact points side by side, half of the force each.
+    pub(crate) fn mean(&self, other: &Ledger) -> Ledger {
+        let mean = |one: f64, other: f64| 0.5 * (one + other);
+        Ledger {
+            work_j: mean(self.work_j, other.work_j),
+            stored_j: mean(self.stored_j, other.stored_j),
+            dissipated_j: mean(self.dissipated_j, other.dissipated_j),
+            generated_j: mean(self.generated_j, other.generated_j),
+            tank_j: mean(self.tank_j, other.tank_j),
+            relaxed_j: mean(self.relaxed_j, other.relaxed_j),
+        }
+    }
+
     /// The tool moves, c stays.
     pub(crate) fn stick(&mut self, stored_j: f64) {
         self.work_j += stored_j - self.stored_j;
@@ -115,7 +129,7 @@ pub struct Counters {
     /// Steps with slip.
     pub slips: u64,
     /// Evaluations of the force law, derivatives too, beyond the one with which every step in contact begins. With the
-    /// crossings at most 512 a step.
+    /// crossings at most 512 a step and contact point.
     pub evaluations: u64,
     /// Edges crossed, and elements looked at around a vertex or across an edge for a start direction.
     pub crossings: u64,
@@ -154,7 +168,8 @@ impl Counters {
 
     /// What a step took.
     #[inline(always)]
-    pub(crate) fn take(&mut self, evaluations: u32, crossings: u32, queries: u32) {
+    pub(crate) fn take(&mut self, effort: Effort) {
+        let Effort { evaluations, crossings, queries } = effort;
         // Nothing in a step that sticks.
         if evaluations | crossings | queries != 0 {
             self.evaluations += u64::from(evaluations);
@@ -198,4 +213,30 @@ pub struct Output {
     pub flags: Flags,
     /// Energies.
     pub energy: Ledger,
+}
+
+impl Output {
+    /// Of two contact points side by side, half of the force each; the contact is told by the first. `touched` says whether
+    /// either was in touch before the step.
+    #[inline]
+    pub(crate) fn mean(&self, other: &Output, touched: bool) -> Output {
+        let mean = |one: [f64; 3], other: [f64; 3]| {
+            ((DVec3::from_array(one) + DVec3::from_array(other)) * 0.5).to_array()
+        };
+        let mut flags = self.flags | other.flags;
+        // The contact as a whole begins with the first touch, and ends with the last.
+        if touched {
+            flags.unset(Flags::ONSET);
+        }
+        if flags.has(Flags::IN_CONTACT) {
+            flags.unset(Flags::RELEASED | Flags::STARTED_INSIDE);
+        }
+        Output {
+            force_n: mean(self.force_n, other.force_n),
+            torque_nm: mean(self.torque_nm, other.torque_nm),
+            contact: self.contact.or(other.contact),
+            flags,
+            energy: self.energy.mean(&other.energy),
+        }
+    }
 }

@@ -38,6 +38,11 @@ impl<I> Rollout<'_, I> {
         Rollout { contact: self.contact.with_tank(false), ..self }
     }
 
+    /// The same with two contact points side by side, or with one: see [`Contact::with_partial_slip`].
+    pub fn with_partial_slip(self, partial_slip: bool) -> Self {
+        Rollout { contact: self.contact.with_partial_slip(partial_slip), ..self }
+    }
+
     /// The same with the body's friction coefficients multiplied by `scale`, from the next pose on.
     pub fn with_friction_scale(mut self, scale: f64) -> Self {
         self.contact.set_friction_scale(scale);

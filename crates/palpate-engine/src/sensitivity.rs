@@ -164,6 +164,7 @@ pub(crate) mod tests {
             tool: Tool::Sphere { radius_m: 2e-3 },
             slip: SlipRule::Paper,
             tank: true,
+            partial_slip: false,
             provenance: Provenance::default(),
         })
         .unwrap()

@@ -38,8 +38,8 @@ impl Errors {
 
 /// Leads the sphere through the states, from 0.2 mm before touch, in steps of some 10 µm; what it feels at each of them, N on the
 /// body, as long as the contact stays on the patch.
-fn led(body: &Body, rule: SlipRule, start: DVec3, states: &[&State]) -> Vec<Option<DVec3>> {
-    let mut contact = Contact::with_slip(body, rule, Ablation::None);
+fn led(body: &Body, rule: SlipRule, partial: bool, start: DVec3, states: &[&State]) -> Vec<Option<DVec3>> {
+    let mut contact = Contact::with_slip(body, rule, Ablation::None).with_partial_slip(partial);
     let mut x = start;
     step(&mut contact, body, x);
     let mut on_patch = true;
@@ -50,7 +50,7 @@ fn led(body: &Body, rule: SlipRule, start: DVec3, states: &[&State]) -> Vec<Opti
         for i in 1..=count {
             x = from + (state.centre - from) * (i as f64 / count as f64);
             let o = step(&mut contact, body, x);
-            on_patch &= o.flags.has(Flags::IN_CONTACT) || i < count;
+            on_patch &= !o.flags.has(Flags::BORDER) && (o.flags.has(Flags::IN_CONTACT) || i < count);
             felt = -force(&o);
         }
         on_patch.then_some(felt)
@@ -73,17 +73,19 @@ fn sticking_potentials_predict_slip_with_and_without_friction() {
     };
     let press = of("press", &coulomb.states);
     let largest = press.iter().map(|s| s.force.length()).fold(0.0, f64::max);
-    println!("{:>12} {:>20} {:>18} {:>18}", "rule", "states", "normal (50, 95 %)", "lateral (50, 95 %)");
-    for rule in SlipRule::ALL {
+    println!("{:>20} {:>20} {:>18} {:>18}", "rule", "states", "normal (50, 95 %)", "lateral (50, 95 %)");
+    for (rule, partial) in SlipRule::ALL.into_iter().flat_map(|rule| [(rule, false), (rule, true)]) {
+        let name = format!("{}{}", rule.name(), if partial { ", partial" } else { "" });
         let row = |what: &str, errors: &Errors| {
             let [[n, n95], [l, l95]] = errors.quantiles();
-            println!("{:>12} {what:>20} {n:>9.2} {n95:>8.2} {l:>9.2} {l95:>8.2}", rule.name());
+            println!("{name:>20} {what:>20} {n:>9.2} {n95:>8.2} {l:>9.2} {l95:>8.2}");
             [n, l]
         };
         let compare = |body: &Body, states: &[State], from: usize| {
             let states: Vec<&State> = states.iter().collect();
             let mut errors = Errors::default();
-            for (felt, state) in led(body, rule, start, &states).into_iter().zip(&states).skip(from) {
+            for (felt, state) in led(body, rule, partial, start, &states).into_iter().zip(&states).skip(from)
+            {
                 if let Some(felt) = felt {
                     errors.add(felt - state.force, u, largest);
                 }
@@ -97,13 +99,13 @@ fn sticking_potentials_predict_slip_with_and_without_friction() {
         let pressed = row("press, Coulomb 0.3", &compare(&rough, &press, 0));
         let mut drags = Errors::default();
         for drag in 0..4 {
-            let name = format!("drag{drag}_from_4mm");
+            let path = format!("drag{drag}_from_4mm");
             let mut states: Vec<State> =
                 press.iter().filter(|s| (s.centre - start).dot(u) < 4.25e-3).cloned().collect();
             let pressed = states.len();
-            states.extend(coulomb.states.iter().filter(|s| s.path == name).cloned());
+            states.extend(coulomb.states.iter().filter(|s| s.path == path).cloned());
             let one = compare(&rough, &states, pressed);
-            println!("{:>12} {name:>20} {:.2?} {:.2?}", rule.name(), one.normal, one.lateral);
+            println!("{name:>20} {path:>20} {:.2?} {:.2?}", one.normal, one.lateral);
             drags.normal.extend(one.normal);
             drags.lateral.extend(one.lateral);
         }

@@ -72,7 +72,7 @@ impl Kind {
         }
         let own = ruled(&coupled(&mesh, random, spread, friction, radius_m), slip);
         let body = if make == Make::Coupled { own } else { sparse(&own, 2 + random.below(8)) };
-        body.with_tank(false)
+        body.with_tank(false).with_partial_slip(random.below(2) == 0)
     }
 
     fn is_coupled(self) -> bool {

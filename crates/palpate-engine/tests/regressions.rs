@@ -53,6 +53,7 @@ fn plane(mesh: &TriangleMesh, lateral: Curve, friction: f64) -> Body {
         tool: Tool::Point,
         slip: SlipRule::Paper,
         tank: true,
+        partial_slip: false,
         provenance: Provenance::default(),
     })
     .unwrap()

@@ -42,6 +42,8 @@ pub struct BodyOptions {
     pub slip: SlipRule,
     /// Whether slip is kept from giving out more energy than it has dissipated before.
     pub tank: bool,
+    /// Whether contacts are two contact points side by side.
+    pub partial_slip: bool,
     /// Where it comes from; the fit's own notes are added.
     pub provenance: Provenance,
 }
@@ -52,7 +54,7 @@ impl Fit {
     /// # Errors
     /// As [`Body::new`]: a value that is impossible, or a surface that the responses don't belong to.
     pub fn into_body(self, surface: Surface, options: BodyOptions) -> Result<Body, BodyError> {
-        let BodyOptions { tool, slip, tank, mut provenance } = options;
+        let BodyOptions { tool, slip, tank, partial_slip, mut provenance } = options;
         provenance.notes.extend(self.report.notes);
         Body::new(BodyParts {
             surface,
@@ -64,6 +66,7 @@ impl Fit {
             tool,
             slip,
             tank,
+            partial_slip,
             provenance,
         })
     }

@@ -20,7 +20,7 @@
 //! let (tool, slip, provenance) = (Tool::Point, SlipRule::Paper, Provenance::default());
 //! let lateral_tensors = None; // alike in all directions
 //! let body = Body::new(BodyParts {
-//!     surface, blends, responses, test_point_nodes, coupled: None, lateral_tensors, tool, slip, tank: true, provenance,
+//!     surface, blends, responses, test_point_nodes, coupled: None, lateral_tensors, tool, slip, tank: true, partial_slip: false, provenance,
 //! })?;
 //! body.save("ball.body".as_ref())?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())

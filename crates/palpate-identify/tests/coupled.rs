@@ -385,6 +385,7 @@ fn places_between_test_points_follow_the_compliance_at_rest() {
             tool: Tool::Point,
             slip: SlipRule::Consistent,
             tank: true,
+            partial_slip: false,
             provenance: Provenance { interpolation: fit.interpolation.clone(), ..Provenance::default() },
         })
         .unwrap()

@@ -66,6 +66,7 @@ fn body(surface: &Surface, fit: &Fit) -> Body {
         tool: Tool::Point,
         slip: SlipRule::Paper,
         tank: true,
+        partial_slip: false,
         provenance: Provenance::default(),
     })
     .unwrap()

@@ -194,6 +194,7 @@ fn nodes_between_mix_turned_tensors_and_make_a_body() {
         tool: Tool::Point,
         slip: SlipRule::Paper,
         tank: true,
+        partial_slip: false,
         provenance: Provenance { point_errors: fit.errors.clone(), ..Default::default() },
     })
     .unwrap();

@@ -227,7 +227,7 @@ impl HapticLoop {
     pub(crate) fn fading(&mut self, device: &mut dyn Device, now_s: f64) -> Period {
         self.stop();
         let mut flags = self.late(now_s);
-        let output = Output { energy: *self.contact.energy(), ..Output::default() };
+        let output = Output { energy: self.contact.energy(), ..Output::default() };
         let drives_rotations = device.capabilities().driven.rotations > 0;
         let command = self.command(now_s, &output, drives_rotations, &mut flags);
         let fault = self.write(device, now_s, &command, &mut flags).err();
@@ -260,7 +260,7 @@ impl HapticLoop {
     /// The engine's answer at the mapped pose, or at the virtual tool that follows it.
     fn render<G: Ground>(&mut self, ground: &G, now: f64, flags: &mut StageFlags) -> Output {
         if !flags.has(StageFlags::STEPPED) {
-            return Output { energy: *self.contact.energy(), ..Output::default() };
+            return Output { energy: self.contact.energy(), ..Output::default() };
         }
         let mut pose = self.mapping.pose(&self.last.0);
         flags.set(StageFlags::CLUTCHED, self.mapping.is_held());
@@ -272,7 +272,7 @@ impl HapticLoop {
         let Some(output) = ground.step(&mut self.contact, &pose, dt) else {
             flags.unset(StageFlags::STEPPED);
             flags.set(StageFlags::WAITED, true);
-            return Output { energy: *self.contact.energy(), ..Output::default() };
+            return Output { energy: self.contact.energy(), ..Output::default() };
         };
         self.stepped_s = Some(now);
         self.port.pass(pose.into(), acting(&output));

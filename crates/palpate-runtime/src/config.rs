@@ -44,6 +44,8 @@ pub struct SessionConfig {
     pub slip: Option<SlipRule>,
     /// Whether the body's tank, if it has one, keeps slip from giving out energy.
     pub tank: bool,
+    /// Whether contacts are two contact points side by side, where the body wants partial slip.
+    pub partial_slip: bool,
     /// By how much the body's friction coefficients are multiplied.
     pub friction_scale: f64,
     /// Interpolations taken away, as in the paper's section 5: none, coordinates, responses, or both.
@@ -166,6 +168,7 @@ impl Default for SessionConfig {
             hand: "fingers".into(),
             slip: None,
             tank: true,
+            partial_slip: true,
             friction_scale: 1.0,
             ablation: Ablation::None,
             coupling_n_per_m: None,

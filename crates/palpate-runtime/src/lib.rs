@@ -20,6 +20,7 @@
 //! # let body = Body::new(BodyParts { blends: vec![BlendWeights::own(0); surface.positions().len()], surface, responses,
 //! #     test_point_nodes: vec![0], coupled: None, lateral_tensors: None, tool: Tool::Point, slip: SlipRule::Paper,
 //! #     tank: true,
+//! #     partial_slip: false,
 //! #     provenance: Provenance::default() })?;
 //! // Down by 5 mm on top of a ball of 30 mm, from 2 mm above it, in half a second.
 //! let (top, down, along) = ([0.0, 0.0, 30e-3].into(), [0.0, 0.0, -1.0].into(), [1.0, 0.0, 0.0].into());

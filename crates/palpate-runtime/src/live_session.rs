@@ -264,6 +264,7 @@ pub(crate) fn haptic_loop(
         body: file.clone(),
         slip: rule.name().into(),
         tank: model.has_tank() && config.tank,
+        partial_slip: model.has_partial_slip() && config.partial_slip,
         ablation: ablation_name(config.ablation).into(),
         device: device.capabilities().name.to_string(),
         safety: Some(safety),
@@ -277,7 +278,9 @@ pub(crate) fn haptic_loop(
 
 /// A contact that slips by this rule, and is else as `config` wants it.
 fn contact(model: &ContactModel, rule: SlipRule, config: &SessionConfig) -> Contact {
-    let mut contact = Contact::on(model, rule, config.ablation).with_tank(model.has_tank() && config.tank);
+    let mut contact = Contact::on(model, rule, config.ablation)
+        .with_tank(model.has_tank() && config.tank)
+        .with_partial_slip(model.has_partial_slip() && config.partial_slip);
     contact.set_friction_scale(config.friction_scale);
     contact
 }

@@ -176,7 +176,7 @@ impl TraceSummary {
             without_gradients: _,
         } = *contact.counters();
         let Ledger { work_j, stored_j, dissipated_j, generated_j, relaxed_j: _, tank_j: _ } =
-            *contact.energy();
+            contact.energy();
         self.contacts = onsets;
         self.energy = Energies { work_j, stored_j, dissipated_j, generated_j };
         self.counters = Counts {

@@ -29,6 +29,7 @@ fn header() -> Header {
         body: BodyFile { name: "tube \"1\".body".into(), sha256: "0123".into() },
         slip: "paper".into(),
         tank: true,
+        partial_slip: false,
         ablation: "none".into(),
         device: "Touch".into(),
         safety: Some(Safety { slew_n_per_s: Some(1e5 / 3.0), ..Safety::default() }),

@@ -133,6 +133,7 @@ fn body(
         tool,
         slip,
         tank,
+        partial_slip: false,
         provenance: Provenance {
             command: format!("palpate view, example {}", example.name()),
             software: concat!("palpate ", env!("CARGO_PKG_VERSION")).into(),

@@ -27,6 +27,8 @@ pub struct Settings {
     pub responses: bool,
     /// Whether slip is kept from giving out energy, if the body wants it.
     pub tank: bool,
+    /// Whether there are two contact points side by side, if the body wants them.
+    pub partial_slip: bool,
     /// Multiplies the friction coefficients.
     pub friction_scale: f64,
     /// Which device is simulated: one of `presets::DEVICES`.
@@ -53,6 +55,7 @@ impl Default for Settings {
             coordinates: true,
             responses: true,
             tank: true,
+            partial_slip: true,
             friction_scale: 1.0,
             device: "omega",
             hand: "fingers",
@@ -83,6 +86,7 @@ impl Settings {
     pub fn session_wants_anew(&self, other: &Settings) -> bool {
         self.ablation() != other.ablation()
             || self.tank != other.tank
+            || self.partial_slip != other.partial_slip
             || self.device != other.device
             || self.hand != other.hand
             || self.force_max_n != other.force_max_n

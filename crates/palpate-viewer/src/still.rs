@@ -93,8 +93,9 @@ pub fn state(body: &Body, choice: &StateChoice, settings: &Settings) -> Result<V
     let at = |depth: f64, way: f64| point + into * (depth - radius) + along * way;
     let corners = [at(-ABOVE_M, 0.0), at(depth_m, 0.0), at(depth_m, choice.drag_m)];
     let rule = settings.slip.unwrap_or(body.slip());
-    let mut contact =
-        Contact::with_slip(body, rule, settings.ablation()).with_tank(body.has_tank() && settings.tank);
+    let mut contact = Contact::with_slip(body, rule, settings.ablation())
+        .with_tank(body.has_tank() && settings.tank)
+        .with_partial_slip(body.has_partial_slip() && settings.partial_slip);
     contact.set_friction_scale(settings.friction_scale);
     let (mut states, mut time_s) = (Vec::new(), 0.0);
     for pair in corners.windows(2) {

@@ -63,6 +63,7 @@ impl Touch {
         let config = SessionConfig {
             slip: settings.slip,
             tank: settings.tank,
+            partial_slip: settings.partial_slip,
             friction_scale: settings.friction_scale,
             ablation: settings.ablation(),
             clock: ClockChoice::Real,

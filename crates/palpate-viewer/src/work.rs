@@ -5,7 +5,7 @@ use crate::playback::Playback;
 use palpate::Body;
 use palpate::build::Progress;
 use palpate::build::precompute::{Stopped, body_of_spec};
-use palpate::engine::certify::{Assumptions, Bounds, Criterion, Effort, ElementStates, least};
+use palpate::engine::certify::{Assumptions, Bounds, Criterion, Effort, ElementStates, frictions, least};
 use palpate::runtime::BodyFile;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -261,10 +261,13 @@ impl Certificate {
                 if its_flag.load(Ordering::Relaxed) {
                     return;
                 }
-                let states = ElementStates::new(&body, element, &assumptions);
                 let effort = Effort { evaluations: EVALUATIONS, absolute: 0.01, relative: 0.1 };
-                let bound = least(Criterion::Passive, &states, &states.cells(), effort);
-                its_bounds.lock().unwrap_or_else(PoisonError::into_inner).push(bound);
+                let each = frictions(&body).iter().map(|&friction| {
+                    let states = ElementStates::new(&body, element, &assumptions.with_friction(friction));
+                    least(Criterion::Passive, &states, &states.cells(), effort)
+                });
+                let bound = each.min_by(|a, b| a.proved.total_cmp(&b.proved));
+                its_bounds.lock().unwrap_or_else(PoisonError::into_inner).extend(bound);
             }
         });
         Certificate { bounds, cancelled, thread, assumptions }

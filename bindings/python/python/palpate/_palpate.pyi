@@ -111,6 +111,8 @@ class Body:
     @property
     def has_tank(self) -> bool: ...
     @property
+    def has_partial_slip(self) -> bool: ...
+    @property
     def is_coupled(self) -> bool: ...
     @property
     def is_isotropic(self) -> bool: ...
@@ -153,6 +155,7 @@ class Contact:
         *,
         slip_rule: _SlipRule | None = None,
         tank: bool | None = None,
+        partial_slip: bool | None = None,
         friction_scale: float = 1.0,
         ablation: _Ablation = "none",
     ) -> Contact: ...
@@ -278,6 +281,7 @@ def rollout_many(
     start: Contact | None = None,
     slip_rule: _SlipRule | None = None,
     tank: bool | None = None,
+    partial_slip: bool | None = None,
     friction_scale: float = 1.0,
     ablation: _Ablation = "none",
     threads: int | None = None,

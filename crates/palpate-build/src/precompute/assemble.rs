@@ -140,6 +140,8 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
         }
         fields = found;
     }
+    // A ball that sticks slips from the rim inwards; bodies with curves stay the paper's.
+    let partial_slip = spec.partial_slip.unwrap_or(coupled.is_some());
     let body = Body::new(BodyParts {
         surface,
         blends,
@@ -150,6 +152,7 @@ pub fn body(record: &PathsRecord) -> Result<Assembled> {
         tool: simulation.tool.of_body(),
         slip: spec.slip,
         tank: spec.tank,
+        partial_slip,
         provenance,
     })
     .and_then(|body| body.with_displacement_fields(fields))

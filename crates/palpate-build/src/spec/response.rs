@@ -31,6 +31,7 @@ pub struct RawDeflection {
 pub struct RawSlip {
     rule: Option<Spanned<String>>,
     tank: Option<bool>,
+    pub partial: Option<bool>,
 }
 
 impl RawSlip {

@@ -35,15 +35,16 @@ pub struct Variant {
     body: Arc<Body>,
     rule: SlipRule,
     tank: bool,
+    partial_slip: bool,
     /// The mean of contacts side by side, whose friction is so many times the body's.
     friction: Vec<f64>,
 }
 
 impl Variant {
-    /// With its own slip rule, tank and friction.
+    /// With its own slip rule, tank, partial slip and friction.
     fn new(source: Source, body: Arc<Body>) -> Self {
-        let (rule, tank) = (body.slip(), body.has_tank());
-        Variant { source, body, rule, tank, friction: vec![1.0] }
+        let (rule, tank, partial_slip) = (body.slip(), body.has_tank(), body.has_partial_slip());
+        Variant { source, body, rule, tank, partial_slip, friction: vec![1.0] }
     }
 
     /// The same with another friction, in parts of the body's.
@@ -92,6 +93,7 @@ impl Variant {
                 pose: ToolState::at((start + offset).to_array()),
             });
             let contact = rollout(&self.body, path, self.rule, Ablation::None).with_friction_scale(*scale);
+            let contact = contact.with_partial_slip(self.partial_slip);
             let contact = if self.tank { contact } else { contact.without_tank() };
             let outputs: Vec<Output> = contact.collect();
             for (i, output) in ends.iter().map(|end| &outputs[*end]).enumerate() {
@@ -123,7 +125,11 @@ pub fn variants(body: &Body, trial: &Trial) -> Result<Vec<Variant>> {
         if body.has_tank() {
             all.push(Variant { source: Source::WithoutTank, tank: false, ..as_it_is.clone() });
         }
-        all.push(Variant { source: Source::MicroSlip, friction: partial_slip(), ..as_it_is.clone() });
+        let one = Variant { source: Source::OnePoint, partial_slip: false, ..as_it_is.clone() };
+        all.push(Variant { source: Source::EightPoints, friction: partial_slip(), ..one.clone() });
+        if body.has_partial_slip() {
+            all.push(one);
+        }
     }
     if let Some(law) = own.coupled_law() {
         let depth = trial.drag_depths_m.first().copied().unwrap_or(0.6 * trial.normal_max_m);

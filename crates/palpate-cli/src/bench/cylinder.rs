@@ -68,6 +68,7 @@ pub fn cylinder(triangles: usize, ratio: f64) -> Result<Body> {
         tool: Tool::Point,
         slip: SlipRule::Paper,
         tank: true,
+        partial_slip: false,
         provenance: Provenance::default(),
     })?)
 }

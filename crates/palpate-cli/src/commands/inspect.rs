@@ -96,6 +96,7 @@ fn text(i: &Inspection) -> String {
         ("friction coefficient", between(ranges.friction, "")),
         ("tool", tools.collect::<Vec<_>>().join(", ")),
         ("slip rule", i.slip.name().to_owned()),
+        ("contact points", if i.partial_slip { "2 (partial slip)" } else { "1" }.to_owned()),
         ("slip may give out energy", if i.tank { "no (tank)" } else { "yes (no tank)" }.to_owned()),
         ("made by", i.provenance.software.clone()),
         ("with", i.provenance.command.clone()),

@@ -74,6 +74,9 @@ pub struct Args {
     /// Let slip give out energy, where the body's tank would hold it back
     #[arg(long)]
     pub(super) no_tank: bool,
+    /// Let the contact slip as a whole, where the body has two contact points side by side
+    #[arg(long)]
+    pub(super) no_partial_slip: bool,
     /// Multiply the body's friction coefficients by this
     #[arg(long, value_name = "X")]
     pub(super) friction_scale: Option<f64>,

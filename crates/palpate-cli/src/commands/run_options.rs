@@ -164,6 +164,7 @@ fn common(args: &Args, config: &mut SessionConfig) -> Result<()> {
     config.slip = args.slip.map(super::Slip::rule).or(config.slip);
     config.ablation = args.ablate.map_or(config.ablation, super::Ablate::ablation);
     config.tank &= !args.no_tank;
+    config.partial_slip &= !args.no_partial_slip;
     config.friction_scale = args.friction_scale.unwrap_or(config.friction_scale);
     config.coupling_n_per_m = args.coupling_n_per_m.or(config.coupling_n_per_m);
     config.safety.passivity |= args.passivity;

@@ -23,7 +23,7 @@ use std::path::PathBuf;
 /// dissipated_j, generated_j (sums since the first row). Without contact, element is -1 and the contact's columns
 /// are 0. Every number reads back to the same bits.
 ///
-/// The path may also be a recording of `palpate run`. Without --slip, --no-tank, --ablate and --rate-hz the engine then takes the
+/// The path may also be a recording of `palpate run`. Without --slip, --no-tank, --no-partial-slip, --ablate and --rate-hz the engine then takes the
 /// recorded steps once more, on the recorded patches, and must give the recorded forces and energies to the bit.
 #[derive(Debug, clap::Args)]
 #[command(
@@ -46,6 +46,9 @@ pub struct Args {
     /// Let slip give out energy, where the body's tank would hold it back
     #[arg(long)]
     no_tank: bool,
+    /// Let the contact slip as a whole, where the body has two contact points side by side
+    #[arg(long)]
+    no_partial_slip: bool,
     /// Interpolation to take away, as in the paper's section 5
     #[arg(long, value_enum)]
     ablate: Option<super::Ablate>,
@@ -67,7 +70,11 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     files::refuse_overwrite(&[&args.output], &[&args.body, &args.path])?;
     let recorded = palpate_runtime::is_recording(&args.path)?;
-    let as_recorded = args.slip.is_none() && !args.no_tank && args.ablate.is_none() && args.rate_hz.is_none();
+    let as_recorded = args.slip.is_none()
+        && !args.no_tank
+        && !args.no_partial_slip
+        && args.ablate.is_none()
+        && args.rate_hz.is_none();
     if recorded && as_recorded {
         return retrace(args);
     }
@@ -85,6 +92,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let mut rollout = rollout(&body, waypoints.iter().copied(), rule, ablation);
         if args.no_tank {
             rollout = rollout.without_tank();
+        }
+        if args.no_partial_slip {
+            rollout = rollout.with_partial_slip(false);
         }
         for waypoint in &waypoints {
             let Some(output) = rollout.next() else { break };
@@ -144,7 +154,9 @@ fn retrace(args: &Args) -> Result<(), Failure> {
         );
     };
     let body = SessionBody::open(&args.body, Some(rule), args.body_in.map(Into::into), false)?.source;
-    let contact = Contact::on(body.model_header(), rule, ablation).with_tank(header.tank);
+    let contact = Contact::on(body.model_header(), rule, ablation)
+        .with_tank(header.tank)
+        .with_partial_slip(header.partial_slip);
     let mut again = Retrace::new(&*body, contact);
     let mut summary = TraceSummary::default();
     let (mut differ, mut first, mut number, mut missing) = (0u64, None, None, 0u64);

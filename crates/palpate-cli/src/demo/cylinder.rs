@@ -65,6 +65,7 @@ pub(super) fn parts(
         tool: Tool::Point,
         slip,
         tank: false,
+        partial_slip: false,
         provenance: Provenance::default(),
     })
 }

@@ -98,7 +98,7 @@ pub fn roll_out(body: &Body, hz: f64, keep: bool) -> Rate {
         before = Some((tip, forces, bound));
     }
     for (rollout, contact) in settings.iter_mut().zip(&contacts) {
-        (rollout.energy, rollout.counters) = (*contact.energy(), *contact.counters());
+        (rollout.energy, rollout.counters) = (contact.energy(), *contact.counters());
     }
     rate.settings = settings;
     rate

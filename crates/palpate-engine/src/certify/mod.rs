@@ -25,7 +25,8 @@ mod states;
 mod tests;
 mod turning;
 
-use palpate_body::SlipRule;
+use crate::PARTIAL_SLIP;
+use palpate_body::{ContactModel, SlipRule};
 
 pub use coupled::SHALLOWEST;
 pub use criteria::Criterion;
@@ -46,6 +47,19 @@ pub struct Assumptions {
     pub friction_factor: f64,
     /// The rule that slips follow.
     pub slip: SlipRule,
+}
+
+impl Assumptions {
+    /// Of a contact point with so many times the friction.
+    pub fn with_friction(&self, factor: f64) -> Self {
+        Assumptions { friction_factor: self.friction_factor * factor, ..*self }
+    }
+}
+
+/// The frictions of a body's contact points, in parts of the body's: force and energies are their means, so that what is bounded for each
+/// is bounded for the contact.
+pub fn frictions(body: &ContactModel) -> &'static [f64] {
+    if body.has_partial_slip() { &PARTIAL_SLIP } else { &[1.0] }
 }
 
 impl Default for Assumptions {

@@ -75,6 +75,7 @@ pub fn coupled(mesh: &TriangleMesh, random: &mut Random, spread: f64, friction: 
         tool: if radius_m > 0.0 { Tool::Sphere { radius_m } } else { Tool::Point },
         slip: SlipRule::Consistent,
         tank: true,
+        partial_slip: false,
         provenance: Provenance::default(),
     })
     .unwrap()
@@ -142,6 +143,7 @@ pub fn as_coupled(mesh: &TriangleMesh, [kz, kr, friction]: [f64; 3], slip: SlipR
         tool: Tool::Point,
         slip,
         tank: true,
+        partial_slip: false,
         provenance: Provenance::default(),
     })
     .unwrap()

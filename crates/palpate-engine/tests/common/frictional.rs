@@ -132,6 +132,7 @@ pub fn liver_patch_body(friction: f64, slip: SlipRule) -> Option<Body> {
         tool: Tool::Sphere { radius_m: RADIUS },
         slip,
         tank: true,
+        partial_slip: false,
         provenance: Provenance::default(),
     });
     Some(body.unwrap())

@@ -70,6 +70,7 @@ pub fn made_body(mesh: &TriangleMesh, random: &mut Random, making: &Making) -> B
         tool,
         slip,
         tank: false,
+        partial_slip: false,
         provenance,
     })
     .unwrap()

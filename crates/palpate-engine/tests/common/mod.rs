@@ -278,6 +278,7 @@ pub fn stretched(
         },
         slip: SlipRule::Paper,
         tank: true,
+        partial_slip: false,
         provenance: Provenance::default(),
     })
     .unwrap()

@@ -43,6 +43,8 @@ pub struct Header {
     pub slip: String,
     /// Whether slip was kept from giving out energy; it was not in recordings that don't say.
     pub tank: bool,
+    /// Whether the contact was two contact points side by side; it was not in recordings that don't say.
+    pub partial_slip: bool,
     /// The interpolations taken away.
     pub ablation: String,
     /// The device's name.

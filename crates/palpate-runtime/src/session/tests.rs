@@ -59,6 +59,7 @@ fn ball() -> Body {
         tool: Tool::Point,
         slip: SlipRule::Paper,
         tank: true,
+        partial_slip: false,
         provenance: Provenance::default(),
     })
     .unwrap()

@@ -96,6 +96,7 @@ pub fn with_field(
         tool: Tool::Point,
         slip: SlipRule::Paper,
         tank: true,
+        partial_slip: false,
         provenance: Provenance::default(),
     })
     .unwrap()

@@ -87,6 +87,11 @@ fn touch(viewer: &Viewer, ui: &mut Ui, now: &mut Settings) {
             ui.checkbox(&mut now.tank, "tank")
                 .on_hover_text("Slip gives out no more energy than it dissipated before");
         }
+        if subject.body.has_partial_slip() {
+            ui.checkbox(&mut now.partial_slip, "partial slip").on_hover_text(
+                "Two contact points side by side: the contact slips from its rim inwards, not as a whole",
+            );
+        }
     });
     ui.checkbox(&mut now.sound, "sound")
         .on_hover_text("H: how fast the force changes; where it jumps, it clicks");

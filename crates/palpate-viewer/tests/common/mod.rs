@@ -62,7 +62,9 @@ pub fn trace(body: &Path, recording: &Path) -> BTreeMap<u64, Traced> {
     assert_eq!(header.body.sha256, palpate::files::sha256(body).unwrap());
     let body = Body::open(body).unwrap();
     let rule = SlipRule::ALL.into_iter().find(|r| r.name() == header.slip).unwrap();
-    let contact = Contact::with_slip(&body, rule, Ablation::None).with_tank(header.tank);
+    let contact = Contact::with_slip(&body, rule, Ablation::None)
+        .with_tank(header.tank)
+        .with_partial_slip(header.partial_slip);
     let mut retrace = Retrace::new(&body, contact);
     let mut traced = BTreeMap::new();
     for record in recording {
