@@ -1067,6 +1067,10 @@ palpate_status palpate_contact_set_slip_rule(struct palpate_contact contact, uin
 // Real-time: O(1), as `palpate_contact_step`.
 palpate_status palpate_contact_set_tank(struct palpate_contact contact, uint32_t tank);
 
+// Two contact points side by side (`partial_slip` 1), as partial slip wants them, or one (0).
+// Real-time: O(1), as `palpate_contact_step`.
+palpate_status palpate_contact_set_partial_slip(struct palpate_contact contact, uint32_t partial_slip);
+
 // Energies since the contact was made, J. Real-time: O(1), as `palpate_contact_step`.
 palpate_status palpate_contact_ledger(struct palpate_contact contact, struct palpate_ledger *ledger);
 

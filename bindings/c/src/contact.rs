@@ -161,8 +161,8 @@ pub struct palpate_contact_options {
     pub tank: u32,
     /// Interpolations taken away, as in the paper's section 5: 1 coordinates, 2 responses, 3 both; 0 for none.
     pub ablation: u32,
-    /// 1 for two contact points side by side, as partial slip wants them, 2 for one; 0 for what the body asks.
-    pub partial_slip: u32,
+    /// 0.
+    pub reserved: u32,
     /// What multiplies the body's friction coefficients, 0 to 100.
     pub friction_scale: f64,
 }
@@ -260,17 +260,14 @@ pub unsafe extern "C" fn palpate_contact_create(
                     3 => Ablation::Both,
                     other => return Err(Failure::invalid(format!("ablation is {other}; give 0 to 3"))),
                 };
-                let chosen = |name: &str, value: u32, own: bool| match value {
-                    0 => Ok(own),
-                    1 => Ok(true),
-                    2 => Ok(false),
-                    other => Err(Failure::invalid(format!("{name} is {other}; give 0, 1 or 2"))),
+                let tank = match options.tank {
+                    0 => body.has_tank(),
+                    1 => true,
+                    2 => false,
+                    other => return Err(Failure::invalid(format!("tank is {other}; give 0, 1 or 2"))),
                 };
-                let tank = chosen("tank", options.tank, body.has_tank())?;
-                let partial_slip = chosen("partial_slip", options.partial_slip, body.has_partial_slip())?;
                 let scale = friction_scale(options.friction_scale)?;
-                let mut made =
-                    Contact::with_slip(&body, rule, ablation).with_tank(tank).with_partial_slip(partial_slip);
+                let mut made = Contact::with_slip(&body, rule, ablation).with_tank(tank);
                 made.set_friction_scale(scale);
                 made
             };

@@ -66,7 +66,7 @@ fn layouts() -> Vec<Layout> {
         palpate_ledger: struct_size, reserved, work_j, stored_j, dissipated_j, generated_j, tank_j, relaxed_j;
         palpate_output: struct_size, flags, force_n, torque_nm, element, reserved, area_coordinates, contact_position_m, delta_z_m, delta_r_m, energy;
         palpate_counters: struct_size, reserved, steps, onsets, slips, evaluations, crossings, queries, blocked, fenced, capped, held_back, invalid_poses, invalid_times, contained;
-        palpate_contact_options: struct_size, abi_version, slip_rule, tank, ablation, partial_slip, friction_scale;
+        palpate_contact_options: struct_size, abi_version, slip_rule, tank, ablation, reserved, friction_scale;
         palpate_path: struct_size, reserved, count, times_s, positions_m, orientations;
         palpate_trace: struct_size, reserved, forces_n, torques_nm, flags, energies, outputs;
         palpate_capabilities: struct_size, basis, name, source, max_force_n, max_torque_nm, max_stiffness_n_per_m, workspace_centre_m, workspace_half_extent_m, sensed_translations, sensed_rotations, driven_translations, driven_rotations, buttons, sets_pace, least_hz, usual_hz, most_hz, velocity_delay_s, mass_kg, damping_n_s_per_m, coulomb_n, resolution_m, delay_s, lag_s, slew_n_per_s;

@@ -74,6 +74,10 @@ fn a_step_and_what_goes_with_it_allocates_nothing() {
             assert_eq!(palpate_contact_counters(contact, &mut counters), PALPATE_STATUS_OK);
             assert_eq!(palpate_contact_set_friction_scale(contact, 0.5), PALPATE_STATUS_OK);
             assert_eq!(palpate_contact_set_tank(contact, 0), PALPATE_STATUS_OK);
+            for partial_slip in [1, 0] {
+                assert_eq!(palpate_contact_set_partial_slip(contact, partial_slip), PALPATE_STATUS_OK);
+                assert_eq!(palpate_contact_step(contact, &tool, 1e-3, &mut output), PALPATE_STATUS_OK);
+            }
             assert_eq!(palpate_contact_restore(contact, snapshot), PALPATE_STATUS_OK);
             assert_eq!(palpate_contact_rollout(contact, &path, &trace, none), PALPATE_STATUS_OK);
             assert_eq!(palpate_contact_forget(contact), PALPATE_STATUS_OK);

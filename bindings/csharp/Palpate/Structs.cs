@@ -267,7 +267,7 @@ namespace Palpate
         public uint SlipRule;
         public uint Tank;
         public uint Ablation;
-        public uint PartialSlip;
+        public uint Reserved;
         public double FrictionScale;
     }
 
