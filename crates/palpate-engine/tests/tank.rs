@@ -53,7 +53,8 @@ fn mesh(random: &mut Random) -> TriangleMesh {
     }
 }
 
-/// Up to 50 times as stiff in some places as in others, without friction in half of the bodies, and in parts of many.
+/// Up to 50 times as stiff in some places as in others, without friction in half of the bodies, and in parts of many; with partial slip
+/// in half of them.
 fn body(random: &mut Random, slip: SlipRule, law: Law) -> Body {
     let mesh = mesh(random);
     let graded = random.range(1.0, 50.0);
@@ -61,11 +62,14 @@ fn body(random: &mut Random, slip: SlipRule, law: Law) -> Body {
     let ratio = if random.below(3) == 0 { random.range(1.0, 10.0) } else { 1.0 };
     let radius_m = if random.below(3) == 0 { random.range(1e-3, 6e-3) } else { 0.0 };
     let spread = (graded - 1.0) / (graded + 1.0);
+    let partial = random.below(2) == 0;
     if law == Law::Coupled {
         let own = coupled::coupled(&mesh, random, spread.min(0.9), friction, radius_m);
-        return if random.below(2) == 0 { own } else { coupled::sparse(&own, 4) };
+        let body = if random.below(2) == 0 { own } else { coupled::sparse(&own, 4) };
+        return body.with_partial_slip(partial);
     }
-    made_body(&mesh, random, &Making { spread, friction, bare: true, ratio, radius_m, slip })
+    let making = Making { spread, friction, bare: true, ratio, radius_m, slip };
+    made_body(&mesh, random, &making).with_partial_slip(partial)
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
