@@ -163,7 +163,42 @@ mod tests {
     use super::*;
     use palpate_body::Response;
     use palpate_body::shape::{Resolution, Shape};
+    use palpate_engine::PARTIAL_SLIP;
     use std::sync::atomic::AtomicUsize;
+
+    /// Of two contact points the worse, with its friction; and a path that shows what it breaks.
+    #[test]
+    fn partial_slip_is_bounded_for_both_frictions() {
+        let surface = Shape::Cylinder { radius_mm: 30.0, length_mm: 60.0, caps: false }
+            .surface(Resolution { edge_length_mm: Some(15.0), ..Default::default() })
+            .unwrap();
+        let body = Body::uniform(surface, Response::paper(600.0, 500.0, 0.3, 8e-3, 8e-3).unwrap()).unwrap();
+        let partial = body.clone().with_partial_slip(true);
+        let question = Question { evaluations: Some(200), ..Question::of(&partial) };
+        let never = AtomicBool::new(false);
+        let found = certify(&partial, &question, &|| (), &never).unwrap().unwrap().elements;
+        let both = PARTIAL_SLIP.map(|friction| {
+            let assumptions = question.assumptions.with_friction(friction);
+            certify(&body, &Question { assumptions, ..question.clone() }, &|| (), &never)
+                .unwrap()
+                .unwrap()
+                .elements
+        });
+        let mut frictions = [0; 2];
+        for (i, element) in found.iter().enumerate() {
+            let [a, b] = [&both[0][i], &both[1][i]];
+            assert_eq!(element.passive.proved, a.passive.proved.min(b.passive.proved));
+            assert_eq!(element.snap_free.proved, a.snap_free.proved.min(b.snap_free.proved));
+            assert_eq!(element.snap_free.found, a.snap_free.found.min(b.snap_free.found));
+            let least = if a.passive.found <= b.passive.found { 0 } else { 1 };
+            assert_eq!(element.passive.found, [a, b][least].passive.found);
+            assert_eq!(element.passive_friction, PARTIAL_SLIP[least]);
+            assert_eq!(element.lipschitz.is_some(), a.lipschitz.is_some() && b.lipschitz.is_some());
+            frictions[least] += 1;
+        }
+        // P is worst where friction is least.
+        assert!(frictions[1] > frictions[0], "{frictions:?}");
+    }
 
     /// The search over frictions takes longer than all the bounds before it.
     #[test]

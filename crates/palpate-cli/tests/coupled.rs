@@ -26,7 +26,9 @@ fn directory() -> TestDirectory {
         let first = n as u32 % 4;
         (blend.test_points, blend.weights) = ([first, (first + 1) % 4, first], [0.75, 0.25, 0.0]);
     }
-    let body = Body::new(BodyParts { responses: Vec::new(), coupled: Some(law), ..parts }).unwrap();
+    let body =
+        Body::new(BodyParts { responses: Vec::new(), coupled: Some(law), partial_slip: true, ..parts })
+            .unwrap();
     body.save(&directory.path("coupled.body")).unwrap();
     directory
 }
@@ -37,6 +39,7 @@ fn inspect_tells_the_law() {
     let output = directory.done("inspect coupled.body --json --plots pictures");
     let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((&found["law"], &found["test_points"]), (&"coupled".into(), &4.into()));
+    assert_eq!(found["partial_slip"], true);
     let [low, high] = [0, 1].map(|i| found["coupled"]["stiffness_n_per_m"][i].as_f64().unwrap());
     assert!(low > 0.0 && high > low, "{low} {high}");
     assert_eq!(found["coupled"]["lateral_range_m"].as_f64(), Some(potentials::RANGE));
@@ -54,7 +57,7 @@ fn inspect_tells_the_law() {
     }
     let text = |args: &str| String::from_utf8(directory.done(args).stdout).unwrap();
     let (text, decoupled) = (text("inspect coupled.body"), text("inspect block.body"));
-    assert!(text.contains("coupled") && text.contains("K, its eigenvalues"), "{text}");
+    assert!(["coupled", "K, its eigenvalues", "2 (partial slip)"].iter().all(|w| text.contains(w)), "{text}");
     assert!(decoupled.contains("decoupled") && !decoupled.contains("eigenvalues"), "{decoupled}");
 }
 

@@ -17,6 +17,7 @@ fn a_simulated_body_deforms_as_it_was_simulated() {
     let out = directory.done("precompute ball.toml -o ball.body --json");
     let report: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
     let body = Body::open(&directory.path("ball.body")).unwrap();
+    assert!(body.has_partial_slip(), "a coupled body of a simulation has two contact points");
     let fields = body.displacement_fields().unwrap().expect("a small body keeps its fields");
     assert_eq!(report["displacement_bytes"].as_u64(), Some(fields.bytes() as u64));
     assert_eq!((fields.press().places(), fields.lateral().places()), (6, 6));

@@ -106,6 +106,7 @@ const CASES: &[(&str, &str, &[&str])] = &[
     ("count = 5", "", &["spec.toml:", "[test_points]", "add"]),
     ("coefficient = 0.3", "", &["spec.toml:", "[friction]", "give"]),
     ("rule = \"paper\"", "tank = \"yes\"", &["spec.toml:42:", "boolean"]),
+    ("rule = \"paper\"", "partial = 2", &["spec.toml:42:", "boolean"]),
     // Kinds of values.
     ("unit = \"mm\"", "unit = \"inch\"", &["spec.toml:3:", "inch"]),
     ("unit = \"mm\"", "unit = 1e-3", &["spec.toml:3:"]),

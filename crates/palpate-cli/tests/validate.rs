@@ -23,7 +23,15 @@ fn free_paths_are_simulated_rendered_and_reported() {
     let file = |name: &str| std::fs::read(directory.path("errors").join(name)).unwrap();
     assert!(file("validate.png").starts_with(b"\x89PNG"));
     let text = String::from_utf8(file("validate.md")).unwrap();
-    for said in ["history coulomb", "the body", "slip rule paper", "| reversal |", "sustained sliding"] {
+    for said in [
+        "history coulomb",
+        "the body",
+        "slip rule paper",
+        "one contact point",
+        "eight contact points",
+        "| reversal |",
+        "sustained sliding",
+    ] {
         assert!(text.contains(said), "{said}: {text}");
     }
     let states = String::from_utf8(file("states.csv")).unwrap();

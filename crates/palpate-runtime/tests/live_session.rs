@@ -265,7 +265,8 @@ fn a_recording_keeps_to_its_body_and_to_its_bits() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.rec");
     let record = Some(path.clone());
-    let body = plane(2000.0, 2000.0, 0.3);
+    // Two contact points, over patches.
+    let body = plane(2000.0, 2000.0, 0.3).with_partial_slip(true);
     let (mut session, _) = started(body.clone(), true, SessionConfig { record, ..config() });
     when(&session, is_steady);
     assert_eq!(session.change_body(plane(600.0, 500.0, 0.3)), Err(ControlError::Recorded));
