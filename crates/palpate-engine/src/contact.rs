@@ -219,6 +219,11 @@ impl Contact {
         self
     }
 
+    /// Whether slip is kept from giving out energy: see [`Ledger::tank_j`].
+    pub fn has_tank(&self) -> bool {
+        self.tank
+    }
+
     /// Goes over to another slip rule, which the body must have been prepared for.
     pub fn set_slip_rule(&mut self, rule: SlipRule) {
         if rule != self.rule {
