@@ -67,7 +67,7 @@
 
 // The interface's version. It is raised whenever a struct, a constant or a function's parameters change; functions and constants
 // that are only added leave it. Structs that live longer than a call carry it (`abi_version`).
-#define PALPATE_ABI_VERSION 1
+#define PALPATE_ABI_VERSION 2
 
 // `palpate_features`: the drivers of vendors' devices are built in.
 #define PALPATE_FEATURE_DEVICES 1
@@ -838,8 +838,10 @@ typedef struct palpate_record {
     double squares_rad2;
     // What multiplied the body's friction coefficients.
     double friction_scale;
+    // The tank: what slips have dissipated, and later ones may give out again. NaN where no tank holds slip back.
+    double tank_j;
     // 0.
-    uint64_t spare[3];
+    uint64_t spare[2];
     // `PALPATE_SLIP_...`.
     uint32_t slip_rule_code;
     // Of a record in a file; 0 here.

@@ -44,7 +44,7 @@ use std::ffi::c_char;
 
 /// The interface's version. It is raised whenever a struct, a constant or a function's parameters change; functions and constants
 /// that are only added leave it. Structs that live longer than a call carry it (`abi_version`).
-pub const PALPATE_ABI_VERSION: u32 = 1;
+pub const PALPATE_ABI_VERSION: u32 = 2;
 
 /// `palpate_features`: the drivers of vendors' devices are built in.
 pub const PALPATE_FEATURE_DEVICES: u32 = 1;

@@ -143,8 +143,10 @@ pub struct palpate_record {
     pub squares_rad2: f64,
     /// What multiplied the body's friction coefficients.
     pub friction_scale: f64,
+    /// The tank: what slips have dissipated, and later ones may give out again. NaN where no tank holds slip back.
+    pub tank_j: f64,
     /// 0.
-    pub spare: [u64; 3],
+    pub spare: [u64; 2],
     /// `PALPATE_SLIP_...`.
     pub slip_rule_code: u32,
     /// Of a record in a file; 0 here.

@@ -51,7 +51,7 @@ namespace Palpate
         const CallingConvention C = CallingConvention.Cdecl;
 
         /// <summary>PALPATE_ABI_VERSION of the header that this was written for.</summary>
-        internal const uint AbiVersion = 1;
+        internal const uint AbiVersion = 2;
 
         static Native()
         {

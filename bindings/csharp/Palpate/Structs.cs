@@ -27,9 +27,9 @@ namespace Palpate
 
     /// <summary>Spare words of a record.</summary>
     [StructLayout(LayoutKind.Sequential)]
-    public struct Words3
+    public struct Words2
     {
-        public ulong A, B, C;
+        public ulong A, B;
     }
 
     /// <summary>Energies of a contact, J.</summary>
@@ -235,7 +235,8 @@ namespace Palpate
         public Vec3 DeviceAngularVelocityRadPerS;
         public double SquaresRad2;
         public double FrictionScale;
-        internal Words3 Spare;
+        public double TankJ;
+        internal Words2 Spare;
         public uint SlipRuleCode;
         internal uint Crc;
     }

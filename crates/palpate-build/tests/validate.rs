@@ -6,14 +6,16 @@ use palpate_body::{
     Body, BodyParts, ContactState, CoupledLaw, Curve, Deformer, Extension, Fineness, Interpolation,
     Potential, PotentialErrors, Provenance, Response, SlipRule, SurfacePoint, Tool, tensor,
 };
+use palpate_build::Progress;
+use palpate_build::spec::Spec;
 use palpate_build::validate::{
-    Errors, History, Kept, Measure, Phase, SimulatedSurface, Simulator, Source, Trial, Validation,
-    held_force, sticking, validate, validate_at_places_of,
+    Against, Errors, History, Kept, Measure, Phase, SimulatedSurface, Simulator, Source, Trial, Validation,
+    held_force, sticking, validate, validate_against, validate_at_places_of,
 };
 use palpate_engine::{Ablation, Contact, Flags, Output, ToolState, Waypoint, rollout};
 use palpate_identify::{Amount, spread, test_points};
 use palpate_simulate::{FreePlan, Path, PointPaths, PointPlan, State, Stop};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 const NORMAL_MAX: f64 = 6e-3;
 const LATERAL_MAX: f64 = 4e-3;
@@ -894,4 +896,77 @@ fn the_deformed_surface_is_compared_node_by_node() {
     assert!((1.9..2.1).contains(&ratio), "{ratio}");
     // Who gives no displacements is not asked.
     assert!(free(&body, &Engine::of(&body), 2).surface.is_none());
+}
+
+/// A ball on a table, as coarse as it can be.
+const SPEC: &str = r#"
+[body.shape]
+kind = "sphere"
+radius_mm = 30
+[[body.fixed]]
+half_space = { point_mm = [0, 0, -22], normal = [0, 0, -1] }
+[material]
+model = "neo-hookean"
+young_modulus_pa = 20e3
+poisson_ratio = 0.45
+[tool]
+shape = "sphere"
+radius_mm = 5
+[friction]
+coefficient = 0.3
+[deflection]
+normal_max_mm = 3
+lateral_max_mm = 2
+steps = 1
+[test_points]
+count = 4
+[mesh]
+element_size_mm = 12
+"#;
+
+/// What begins also ends: whatever can fail is behind it by then, or a bar would be left behind on somebody's screen.
+#[test]
+fn progress_begins_when_nothing_can_fail_any_more() {
+    #[derive(Default)]
+    struct Heard([AtomicUsize; 2]);
+    impl Progress for Heard {
+        fn begin(&self, _: usize, _: usize) {
+            self.0[0].fetch_add(1, Ordering::Relaxed);
+        }
+        fn end(&self) {
+            self.0[1].fetch_add(1, Ordering::Relaxed);
+        }
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("ball.toml");
+    let spec = Spec::parse(&path, SPEC.into()).unwrap();
+    let simulation = spec.simulation(&path).unwrap();
+    let against = |kept: std::path::PathBuf| Against {
+        history: History::FrictionlessPress,
+        paths: 1,
+        seed: 1,
+        at_test_points: false,
+        own: false,
+        steps: Some(1),
+        jobs: 1,
+        places_of: None,
+        kept: Some(kept),
+    };
+    let tried = |asked: &Against| {
+        let heard = Heard::default();
+        let asked = validate_against(
+            &body(5e-3),
+            (&spec, &simulation, path.as_path()),
+            asked,
+            &heard,
+            &AtomicBool::new(false),
+        );
+        (asked.map(|v| v.is_some()).map_err(|e| e.to_string()), heard.0.map(AtomicUsize::into_inner))
+    };
+    // A folder can't be written as a file.
+    let (failed, heard) = tried(&against(folder.path().to_owned()));
+    assert!(failed.is_err_and(|e| e.contains(&folder.path().display().to_string())));
+    assert_eq!(heard, [0, 0]);
+    let (done, heard) = tried(&against(folder.path().join("simulated.jsonl")));
+    assert_eq!((done, heard), (Ok(true), [1, 1]));
 }

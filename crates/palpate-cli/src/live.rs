@@ -1,21 +1,29 @@
 //! Loops against the clock, as the command tells of them.
 
+use crate::commands::Failure;
 use crate::console;
 use anyhow::{Context, Result};
 use palpate_runtime::{
-    LiveSession, Observer, Outcome, PreparedSession, Record, StageFlags, Summary, supervise,
+    LiveSession, Observer, Outcome, PreparedSession, Record, StageFlags, Stopper, Summary, supervise,
 };
 use serde::Serialize;
-use std::sync::Arc;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Between two lines that tell how it goes.
 const TOLD_EVERY: Duration = Duration::from_secs(1);
-/// How long what could not be had may take to be told before the first force: where nobody reads, it is told later.
+/// How long what could not be had may take to be told before the first force: where nobody reads, it is told later. And how long
+/// loops may take to end where a library ends the program.
 const PATIENCE: Duration = Duration::from_millis(500);
+/// Between two looks whether a signal has come.
+const LOOKS_EVERY: Duration = Duration::from_millis(5);
+/// Why loops end.
+const SIGNAL: &str = "a signal asked for it";
+const PANIC: &str = "a panic in this program";
 /// What a device is told to be that renders nothing.
 const IDLE: &str = "it renders no force: its forces are off, nobody holds its grip, or it is not ready; when it renders again, \
                     the force ramps up";
@@ -83,24 +91,69 @@ pub fn run(
     json: bool,
     stream_hz: Option<f64>,
 ) -> Result<Vec<Told>> {
+    let teller = guarded(&sessions, json)?;
+    let sessions = sessions.into_iter().map(PreparedSession::start).collect::<Result<Vec<_>, _>>()?;
+    let now = Instant::now();
+    let every = stream_hz.map(|hz| Duration::from_secs_f64(1.0 / hz));
+    let watched = vec![Watched { told: now, streamed: now, idle: 0, number: u64::MAX }; sessions.len()];
+    let mut watcher = Watcher { teller: &teller, watched, every };
+    let stop = || is_asked().then_some(SIGNAL);
+    let outcomes = supervise(sessions, &stop, &mut watcher);
+    teller.finish();
+    Ok(outcomes.into_iter().map(tell).collect())
+}
+
+/// Runs a session that `show` starts and shows, until that comes back. A signal ends the session whatever `show` does, and a panic
+/// anywhere in the program takes the force off before a word of it is written. `None` where `show` did not start it.
+///
+/// # Errors
+/// What `show` reports; [`Failure::Loop`] for a panic of its own. In either case it has dropped the session, and so waited for
+/// its end.
+pub fn show(
+    session: PreparedSession,
+    is_asked: &(dyn Fn() -> bool + Sync),
+    show: impl FnOnce(PreparedSession) -> Result<Option<Outcome>>,
+) -> Result<Option<Told>, Failure> {
+    let sessions = [session];
+    let teller = guarded(&sessions, false)?;
+    let [session] = sessions;
+    let (stopper, is_over) = (session.stopper(), AtomicBool::new(false));
+    let shown = std::thread::scope(|scope| {
+        let signals = std::thread::Builder::new().name("palpate-signals".into());
+        // A window that is hidden may not look for long.
+        signals.spawn_scoped(scope, || {
+            while !is_over.load(Ordering::Acquire) {
+                if is_asked() {
+                    return stopper.stop(SIGNAL);
+                }
+                std::thread::sleep(LOOKS_EVERY);
+            }
+        })?;
+        let shown = catch_unwind(AssertUnwindSafe(|| show(session)));
+        is_over.store(true, Ordering::Release);
+        anyhow::Ok(shown)
+    });
+    teller.finish();
+    match shown? {
+        Ok(outcome) => Ok(outcome?.map(tell)),
+        Err(_) => Err(Failure::Loop(format!("{PANIC}: the force was taken off, and the device closed"))),
+    }
+}
+
+/// Tells what the hands should know before the first force, and takes all forces off where anything panics from now on.
+fn guarded(sessions: &[PreparedSession], json: bool) -> Result<Teller> {
     let teller = Teller::start(json)?;
-    for session in &sessions {
+    for session in sessions {
         let device = session.capabilities().name.to_string();
         for note in session.notes().iter().cloned().chain(session.advice().map(String::from)) {
             teller.tell(News::Note(format!("{device}: {note}")));
         }
     }
     teller.catch_up(PATIENCE);
-    stop_on_panic(sessions.iter().map(PreparedSession::stopper).collect());
-    let sessions = sessions.into_iter().map(PreparedSession::start).collect::<Result<Vec<_>, _>>()?;
-    let now = Instant::now();
-    let every = stream_hz.map(|hz| Duration::from_secs_f64(1.0 / hz));
-    let watched = vec![Watched { told: now, streamed: now, idle: 0, number: u64::MAX }; sessions.len()];
-    let mut watcher = Watcher { teller: &teller, watched, every };
-    let stop = || is_asked().then_some("a signal asked for it");
-    let outcomes = supervise(sessions, &stop, &mut watcher);
-    teller.finish();
-    Ok(outcomes.into_iter().map(tell).collect())
+    let stoppers: Vec<Stopper> = sessions.iter().map(PreparedSession::stopper).collect();
+    stop_on_exit(&stoppers);
+    stop_on_panic(stoppers);
+    Ok(teller)
 }
 
 /// What is set at the first signal to stop; a second one ends the program. Ctrl-Z is one too: a program that is suspended holds
@@ -108,7 +161,7 @@ pub fn run(
 ///
 /// # Errors
 /// Signals can't be handled.
-pub fn signals() -> Result<impl Fn() -> bool> {
+pub fn signals() -> Result<impl Fn() -> bool + Clone + Send + Sync + 'static> {
     static STOP: AtomicBool = AtomicBool::new(false);
     console::stop_on_signals(&STOP)?;
     let suspended = Arc::new(AtomicBool::new(false));
@@ -119,12 +172,36 @@ pub fn signals() -> Result<impl Fn() -> bool> {
 }
 
 /// Zero force first, in whatever thread a panic is: what is written about it may take forever where nobody reads.
-fn stop_on_panic(stoppers: Vec<palpate_runtime::Stopper>) {
+fn stop_on_panic(stoppers: Vec<Stopper>) {
     let written = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
-        stoppers.iter().for_each(|stopper| stopper.stop_at_once("a panic in this program"));
+        stoppers.iter().for_each(|stopper| stopper.stop_at_once(PANIC));
         written(panic);
     }));
+}
+
+/// A library may end the program without asking, as Xlib does where its display is gone: zero force before that, and closed devices.
+fn stop_on_exit(stoppers: &[Stopper]) {
+    static ALL: Mutex<Vec<Stopper>> = Mutex::new(Vec::new());
+    #[cfg(unix)]
+    extern "C" fn stop() {
+        let stoppers = std::mem::take(&mut *ALL.lock().unwrap_or_else(PoisonError::into_inner));
+        stoppers.iter().for_each(|stopper| stopper.stop_at_once("a library has ended the program"));
+        let begun = Instant::now();
+        while begun.elapsed() < PATIENCE && !stoppers.iter().all(Stopper::is_over) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+    ALL.lock().unwrap_or_else(PoisonError::into_inner).extend_from_slice(stoppers);
+    #[cfg(unix)]
+    {
+        static ONCE: std::sync::Once = std::sync::Once::new();
+        ONCE.call_once(|| {
+            #[allow(unsafe_code, reason = "only the C library knows that the program ends")]
+            // SAFETY: `stop` is a function of the program, and does not panic.
+            let _refused = unsafe { libc::atexit(stop) };
+        });
+    }
 }
 
 /// What was told of a session.
@@ -147,8 +224,7 @@ struct Watcher<'a> {
 
 impl Observer for Watcher<'_> {
     fn pause(&self) -> Duration {
-        let usual = Duration::from_millis(5);
-        self.every.map_or(usual, |every| (every / 2).min(usual))
+        self.every.map_or(LOOKS_EVERY, |every| (every / 2).min(LOOKS_EVERY))
     }
 
     fn look(&mut self, index: usize, session: &LiveSession) {

@@ -80,6 +80,12 @@ impl Contact {
         self
     }
 
+    /// Whether slip is kept from giving out energy: see [`Ledger::tank_j`].
+    pub fn has_tank(&self) -> bool {
+        let [first, _] = &self.points;
+        first.has_tank()
+    }
+
     /// The same with two contact points side by side, or with one. In touch, both begin where the one is; and of two, the one that holds
     /// longer stays.
     pub fn with_partial_slip(mut self, partial_slip: bool) -> Self {

@@ -188,6 +188,10 @@ impl PointContact {
         }
     }
 
+    pub(crate) fn has_tank(&self) -> bool {
+        self.tank
+    }
+
     pub(crate) fn set_tank(&mut self, tank: bool) {
         self.tank = tank;
     }

@@ -125,6 +125,13 @@ impl Controls {
         })
     }
 
+    /// The largest force as it was set last, N: no more than the device was opened with.
+    pub fn force_limit_n(&self) -> f64 {
+        let safety = self.ends.lock().unwrap_or_else(PoisonError::into_inner).safety;
+        // What a session has was not refused.
+        safety.stages(&self.limits.capabilities, self.limits.rate_hz).map_or(0.0, |s| s.force.most())
+    }
+
     /// The largest torque, N·m, and how fast it may change, N·m/s.
     ///
     /// # Errors

@@ -8,7 +8,7 @@ use crate::real_time::MemoryLock;
 use crate::sampled_data::{in_series, passive_up_to};
 use crate::wall_clock::unix_now_s;
 use crate::{
-    BodyFile, Coupling, CreateError, Finished, GENTLE_N, HapticLoop, Header, Listener, Opened, Prepared,
+    BodyFile, Coupling, CreateError, End, Finished, GENTLE_N, HapticLoop, Header, Listener, Opened, Prepared,
     RealTime, Record, RecorderThread, Recording, RecordingFile, Records, Report, Safety, SafetyError,
     Session, Settings, StartError, Stopper, Summary, WorkspaceMap, patch_holder, path, ring,
 };
@@ -548,6 +548,15 @@ impl PreparedSession {
         self.session.stopper()
     }
 
+    /// Keeps the calling thread, and those that it starts from now on, off the haptic thread's core: for who opens a window, whose
+    /// work in the system not even a real-time thread can interrupt. Does nothing where the haptic thread has no core of its own.
+    ///
+    /// # Errors
+    /// The system refuses.
+    pub fn keep_off_its_core(&self) -> std::io::Result<()> {
+        self.session.keep_off_its_core()
+    }
+
     /// Begins the recording, if there is to be one, and starts the threads: from now on there are forces.
     ///
     /// # Errors
@@ -673,6 +682,11 @@ impl LiveSession {
         Ok(())
     }
 
+    /// Why it has ended, if it has, and the device is closed.
+    pub fn end(&self) -> Option<&End> {
+        self.session.end()
+    }
+
     /// Whether it has ended by itself.
     pub fn is_over(&self) -> bool {
         self.session.is_over()
@@ -681,6 +695,14 @@ impl LiveSession {
     /// Something to stop it with, from any thread.
     pub fn stopper(&self) -> Stopper {
         self.session.stopper()
+    }
+
+    /// As [`PreparedSession::keep_off_its_core`].
+    ///
+    /// # Errors
+    /// The system refuses.
+    pub fn keep_off_its_core(&self) -> std::io::Result<()> {
+        self.session.keep_off_its_core()
     }
 
     /// Waits for the end, and for the recording's.

@@ -83,28 +83,41 @@ const STACK: usize = 256 << 10;
 impl RealTime {
     /// Makes the calling thread a real-time one. What the system refuses is reported, with what to do about it, and is done
     /// without.
-    pub(crate) fn enter(&self) -> (Vec<String>, Awake) {
+    pub(crate) fn enter(&self) -> (Granted, Awake) {
         // Refused or not was told when everything else was locked.
         let _ = lock_stack();
-        let mut notes = Vec::new();
-        let mut ask = |what: &str, granted: io::Result<()>, hint: &str| {
-            if let Err(error) = granted {
-                notes.push(format!("{what} was refused ({error}): {hint}"));
-            }
+        let mut granted = Granted::default();
+        let mut refused = |what: &str, error: io::Error, hint: &str| {
+            granted.notes.push(format!("{what} was refused ({error}): {hint}"));
         };
-        if let Some(priority) = self.priority {
-            ask(
-                "real-time scheduling",
-                system::fifo(priority),
-                "let your user have it (rtprio in /etc/security/limits.d, or join the group realtime); the loop runs on \
-                 and may be late",
-            );
+        if let Some(Err(error)) = self.priority.map(system::fifo) {
+            let hint = "let your user have it (rtprio in /etc/security/limits.d, or join the group realtime); the loop runs on \
+                        and may be late";
+            refused("real-time scheduling", error, hint);
         }
-        if let Some(nth) = self.core {
-            ask("a core of its own", system::core_from_last(nth), "the loop runs on whichever core is free");
+        match self.core.map(system::core_from_last) {
+            Some(Ok(core)) => granted.core = core,
+            Some(Err(error)) => {
+                refused("a core of its own", error, "the loop runs on whichever core is free");
+            }
+            None => {}
         }
-        (notes, Awake(self.priority.and_then(|_| system::awake())))
+        (granted, Awake(self.priority.and_then(|_| system::awake())))
     }
+}
+
+/// What a thread that [entered](RealTime::enter) came to.
+#[derive(Debug, Default)]
+pub(crate) struct Granted {
+    /// What was refused, and what to do about it.
+    pub notes: Vec<String>,
+    /// The core that it has for its own.
+    pub core: Option<usize>,
+}
+
+/// Keeps the calling thread, and those that it starts from now on, off this core, unless there is no other.
+pub(crate) fn keep_off(core: usize) -> io::Result<()> {
+    system::keep_off(core)
 }
 
 /// As long as it is held, the cores don't go to sleep so deeply that waking takes them long.
@@ -257,17 +270,30 @@ mod system {
         Some(latency)
     }
 
-    /// Pins the calling thread to the `nth` core from the last of those that the program may use; the first stays for others.
-    pub fn core_from_last(nth: u32) -> io::Result<()> {
+    /// Pins the calling thread to the `nth` core from the last of those that it may use; the first stays for others. Where
+    /// there is one core, it is nobody's own.
+    pub fn core_from_last(nth: u32) -> io::Result<Option<usize>> {
         let allowed = sched_getaffinity(None)?;
         if allowed.count() < 2 {
-            return Ok(());
+            return Ok(None);
         }
         let nth = nth % (allowed.count() - 1);
         let core = (0..CpuSet::MAX_CPU).rev().filter(|&cpu| allowed.is_set(cpu)).nth(nth as usize);
         let mut own = CpuSet::new();
         core.into_iter().for_each(|cpu| own.set(cpu));
-        Ok(sched_setaffinity(None, &own)?)
+        sched_setaffinity(None, &own)?;
+        Ok(core)
+    }
+
+    pub fn keep_off(core: usize) -> io::Result<()> {
+        let mut others = sched_getaffinity(None)?;
+        if core < CpuSet::MAX_CPU {
+            others.unset(core);
+        }
+        if others.count() == 0 {
+            return Ok(());
+        }
+        Ok(sched_setaffinity(None, &others)?)
     }
 }
 
@@ -310,7 +336,11 @@ mod system {
         missing()
     }
 
-    pub fn core_from_last(_: u32) -> io::Result<()> {
+    pub fn core_from_last(_: u32) -> io::Result<Option<usize>> {
+        missing().map(|()| None)
+    }
+
+    pub fn keep_off(_: usize) -> io::Result<()> {
         missing()
     }
 }

@@ -184,8 +184,11 @@ record! {
     squares_rad2: f64,
     /// What multiplied the body's friction coefficients. From version 2 on, where `slip_rule_code` is not 0.
     friction_scale: f64,
+    /// The tank: what slips have dissipated, and later ones may give out again. NaN where no tank holds slip back, and in recordings
+    /// before version 3.
+    tank_j: f64,
     /// For later; 0.
-    spare: [u64; 3],
+    spare: [u64; 2],
     /// The slip rule: 1 paper, 2 consistent, 3 exact; 0 for the header's. From version 2 on.
     slip_rule_code: u32,
     /// CRC-32 (IEEE 802.3) of all bytes before; filled in when it is written.
@@ -257,6 +260,7 @@ impl Record {
             command_force_n: command.force_n,
             command_torque_nm: command.torque_nm,
             friction_scale: haptics.contact().friction_scale(),
+            tank_j: if haptics.contact().has_tank() { output.energy.tank_j } else { f64::NAN },
             slip_rule_code: 1 + RULES.iter().position(|r| *r == haptics.contact().slip_rule()).unwrap_or(0)
                 as u32,
             ..Self::zeroed()

@@ -12,7 +12,7 @@
 
 use crate::controls::Inbox;
 use crate::finder::{Finder, PatchHolder, patch_holder};
-use crate::real_time::{Clock, MemoryLock, RealTime};
+use crate::real_time::{Clock, Granted, MemoryLock, RealTime, keep_off};
 use crate::record::{Record, Recorder};
 use crate::watch::{Alarm, End, Patience, Watch};
 use crate::{Board, HapticLoop, Opened, PageFaults, Period, StageFlags, Timed};
@@ -95,6 +95,8 @@ struct Shared {
     /// What it said when it went.
     finder_words: OnceLock<String>,
     over: AtomicBool,
+    /// Why it is.
+    end: OnceLock<End>,
     /// The latest record.
     latest: Board<{ Record::BYTES / 8 }>,
     /// The device's own.
@@ -106,6 +108,8 @@ struct Shared {
 pub struct Session {
     shared: Arc<Shared>,
     haptic: Option<JoinHandle<Report>>,
+    /// The core that the haptic thread has for its own.
+    core: Option<usize>,
     pause: Duration,
     /// Tells the finder that it is no longer asked.
     retired: Arc<AtomicBool>,
@@ -134,7 +138,12 @@ impl Stopper {
         self.0.asked.store(true, Ordering::Release);
     }
 
-    /// The same, with zero force before anything else, past the slew limit, by the device's own emergency stop. For the hook of
+    /// Whether the loop has ended, and the device is closed.
+    pub fn is_over(&self) -> bool {
+        self.0.over.load(Ordering::Acquire)
+    }
+
+    /// The same as [`Stopper::stop`], with zero force before anything else, past the slew limit, by the device's own emergency stop. For the hook of
     /// a panic, which is called before a word of it is written: standard error may be one that nobody reads, and the thread
     /// that panics stands there with the device's last force.
     pub fn stop_at_once(&self, by: &'static str) {
@@ -207,19 +216,21 @@ impl Session {
         let (patch_holder, finder) = patch_holder(body, place, settings.patch_elements)?;
         let shared = Arc::new(Shared { emergency: device.emergency_stop(), ..Shared::default() });
         let (go, may_go) = sync_channel(1);
-        let (refused, told) = sync_channel(1);
+        let (tell, told) = sync_channel(1);
         let haptic = thread::Builder::new().name("palpate-haptic".into()).spawn({
             let shared = shared.clone();
             move || {
                 Haptic { shared, haptics, patch_holder, recorder, settings, inbox }
-                    .run(device, &refused, &may_go)
+                    .run(device, &tell, &may_go)
             }
         })?;
         // A thread that panics before it tells has nothing to tell.
-        notes.extend(told.recv().unwrap_or_default());
+        let granted = told.recv().unwrap_or_default();
+        notes.extend(granted.notes);
         let pause = Duration::from_secs_f64(settings.finder_pause_s);
         let retired = Arc::new(AtomicBool::new(false));
-        let session = Session { shared, haptic: Some(haptic), pause, retired, _memory: memory };
+        let session =
+            Session { shared, haptic: Some(haptic), core: granted.core, pause, retired, _memory: memory };
         Ok(Prepared { go, session, notes, finder, pause })
     }
 
@@ -228,6 +239,15 @@ impl Session {
         // The writer is done in far less than a microsecond.
         let (words, written) = (0..1000).find_map(|_| self.shared.latest.read())?;
         (written > 0).then(|| bytemuck::must_cast(words))
+    }
+
+    /// Keeps the calling thread, and those that it starts from now on, off the haptic thread's core. Does nothing where that has
+    /// none of its own.
+    ///
+    /// # Errors
+    /// The system refuses.
+    pub fn keep_off_its_core(&self) -> std::io::Result<()> {
+        self.core.map_or(Ok(()), keep_off)
     }
 
     /// Starts another finder's thread. It takes the place of the one there was once the haptic thread has
@@ -251,6 +271,11 @@ impl Session {
     /// Something to stop it with.
     pub fn stopper(&self) -> Stopper {
         Stopper(self.shared.clone())
+    }
+
+    /// Why it has ended, if it has, and the device is closed.
+    pub fn end(&self) -> Option<&End> {
+        self.shared.end.get()
     }
 
     /// Whether it has ended by itself.
@@ -281,6 +306,14 @@ impl Prepared {
     /// Something to stop it with, now and when it runs.
     pub fn stopper(&self) -> Stopper {
         self.session.stopper()
+    }
+
+    /// As [`Session::keep_off_its_core`], before it runs.
+    ///
+    /// # Errors
+    /// The system refuses.
+    pub fn keep_off_its_core(&self) -> std::io::Result<()> {
+        self.session.keep_off_its_core()
     }
 
     /// Starts the contact finder's thread, and lets the haptic thread go.
@@ -392,9 +425,9 @@ enum Stop {
 }
 
 impl Haptic {
-    fn run(mut self, device: Opened, refused: &SyncSender<Vec<String>>, may_go: &Receiver<()>) -> Report {
-        let (notes, _awake) = self.settings.real_time.enter();
-        let _ = refused.send(notes);
+    fn run(mut self, device: Opened, tell: &SyncSender<Granted>, may_go: &Receiver<()>) -> Report {
+        let (granted, _awake) = self.settings.real_time.enter();
+        let _ = tell.send(granted);
         let goes = may_go.recv().is_ok();
         let clock = Clock::start();
         let mut device = Timed::new(device.into_inner(), move || clock.now());
@@ -434,6 +467,7 @@ impl Haptic {
             Ok(Stop::Alarm(Alarm::FinderSilent(s))) => End::FinderSilent(s),
             Err(panic) => End::Panic(words(&*panic)),
         };
+        let _ = self.shared.end.set(end.clone());
         Report {
             end,
             periods: tally.periods,

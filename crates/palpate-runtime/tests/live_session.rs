@@ -335,28 +335,24 @@ fn what_cannot_be_is_refused_and_the_session_goes_on() {
     }
 }
 
+#[test]
+fn why_it_has_ended_is_known_before_it_is_waited_for() {
+    let device = Pressed::new(false).0;
+    let body = plane(600.0, 500.0, 0.3).into();
+    let session = PreparedSession::with_device(body, device, config(), None).unwrap().start().unwrap();
+    assert_eq!(session.end(), None);
+    session.stopper().stop("enough");
+    while !session.is_over() {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    assert_eq!(session.end(), Some(&End::Asked("enough")));
+    assert_eq!(session.join().report.end, End::Asked("enough"));
+}
+
 /// A core is given back with its thread: the next session has it again, and one beside it asks for another.
 #[cfg(target_os = "linux")]
 #[test]
 fn sessions_after_each_other_have_the_same_core() {
-    struct Where(Arc<Mutex<Vec<i32>>>, Box<Pressed>);
-    impl Device for Where {
-        fn capabilities(&self) -> &Capabilities {
-            self.1.capabilities()
-        }
-        fn open(&mut self) -> Result<(), OpenError> {
-            Ok(())
-        }
-        fn read(&mut self, now_s: f64) -> Result<Sample, Fault> {
-            self.1.read(now_s)
-        }
-        fn write(&mut self, command: &Command) -> Result<(), Fault> {
-            let core = rustix::thread::sched_getcpu() as i32;
-            self.0.lock().unwrap().push(core);
-            self.1.write(command)
-        }
-        fn close(&mut self) {}
-    }
     let core_of = |nth: u32| {
         let cores = Arc::new(Mutex::new(Vec::new()));
         let device = Box::new(Where(cores.clone(), Pressed::new(false).0));
@@ -369,13 +365,70 @@ fn sessions_after_each_other_have_the_same_core() {
         assert!(cores.iter().all(|core| *core == first), "{cores:?}");
         first
     };
+    let Some(count) = several_cores() else { return };
+    assert_eq!(core_of(0), core_of(0));
+    assert_eq!(core_of(0) != core_of(1), count > 2);
+}
+
+/// A device that says on which core the haptic thread is.
+#[cfg(target_os = "linux")]
+struct Where(Arc<Mutex<Vec<usize>>>, Box<Pressed>);
+
+#[cfg(target_os = "linux")]
+impl Device for Where {
+    fn capabilities(&self) -> &Capabilities {
+        self.1.capabilities()
+    }
+    fn open(&mut self) -> Result<(), OpenError> {
+        Ok(())
+    }
+    fn read(&mut self, now_s: f64) -> Result<Sample, Fault> {
+        self.1.read(now_s)
+    }
+    fn write(&mut self, command: &Command) -> Result<(), Fault> {
+        self.0.lock().unwrap().push(rustix::thread::sched_getcpu());
+        self.1.write(command)
+    }
+    fn close(&mut self) {}
+}
+
+/// How many cores there are, if there are several.
+#[cfg(target_os = "linux")]
+fn several_cores() -> Option<u32> {
     let count = rustix::thread::sched_getaffinity(None).unwrap().count();
     if count < 2 {
         eprintln!("skipped: there is one core, which no thread has for its own");
-        return;
     }
-    assert_eq!(core_of(0), core_of(0));
-    assert_eq!(core_of(0) != core_of(1), count > 2);
+    Some(count).filter(|count| *count > 1)
+}
+
+/// What opens a window keeps off, and so do the threads that the window starts; again and again, it is the same cores.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_thread_and_what_it_starts_keep_off_the_haptic_threads_core() {
+    let Some(count) = several_cores() else { return };
+    let allowed = || rustix::thread::sched_getaffinity(None).unwrap();
+    let prepared = |core| {
+        let cores = Arc::new(Mutex::new(Vec::new()));
+        let device = Box::new(Where(cores.clone(), Pressed::new(false).0));
+        let real_time = RealTime { core, ..config().real_time };
+        let config = SessionConfig { seconds: Some(0.05), real_time, ..config() };
+        let body = plane(600.0, 500.0, 0.3).into();
+        (PreparedSession::with_device(body, device, config, None).unwrap(), cores)
+    };
+    let (free, _) = prepared(None);
+    free.keep_off_its_core().unwrap();
+    assert_eq!(allowed().count(), count);
+
+    let (own, cores) = prepared(Some(0));
+    own.keep_off_its_core().unwrap();
+    let session = own.start().unwrap();
+    session.keep_off_its_core().unwrap();
+    let theirs = std::thread::spawn(allowed).join().unwrap();
+    assert!(session.join().report.end.is_well());
+    let core = cores.lock().unwrap()[0];
+    assert_eq!((allowed().count(), theirs), (count - 1, allowed()));
+    assert!(!theirs.is_set(core), "{core}");
 }
 
 #[derive(Default)]

@@ -26,7 +26,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let triangles = body.elements().len();
     let mut viewer = Viewer::default();
     viewer.touches = false;
-    viewer.show_body(Opened { body, name: "ball".into(), file: BodyFile::default() });
+    viewer.show_body(Opened { body: body.into(), name: "ball".into(), file: BodyFile::default() });
     let body = viewer.subject().ok_or("no body")?.body.clone();
     let states = (0..8).map(|k| {
         let choice = StateChoice { depth_m: 5e-3, drag_m: 1e-3 * f64::from(k), ..StateChoice::default() };

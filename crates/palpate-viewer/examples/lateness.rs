@@ -2,9 +2,10 @@
 //!
 //! `cargo run --release -p palpate-viewer --example lateness -- 10`: ten seconds each.
 
-use palpate::runtime::{LiveSession, Outcome, Percentiles, SessionBody, SessionConfig};
-use palpate_viewer::command::{Request, open};
+use palpate::runtime::{LiveSession, Outcome, Percentiles, PreparedSession, SessionConfig};
+use palpate_viewer::command::watch;
 use palpate_viewer::gallery::Example;
+use palpate_viewer::work::Opened;
 use std::time::{Duration, Instant};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -14,11 +15,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let file = folder.join("pad.body");
     Example::Pad.make()?.save(&file)?;
     let config = SessionConfig { seconds: Some(seconds), motion: "hold".into(), ..SessionConfig::default() };
-    let body = SessionBody::open(&file, None, None, false)?;
-    tell("without", &LiveSession::start(body, config.clone())?.join());
-    let request = Request { body: Some(file.clone()), session: Some(config), ..Request::default() };
+    let opened = Opened::read(&file)?;
+    tell("without", &LiveSession::start(opened.session_body(), config.clone())?.join());
+    let session = PreparedSession::new(opened.session_body(), config, None)?;
     let until = Instant::now() + Duration::from_secs_f64(seconds + 2.0);
-    if let Some(outcome) = open(&request, Box::new(move |_| Instant::now() > until))? {
+    if let Some(outcome) = watch(opened, session, Box::new(move |_| Instant::now() > until))? {
         tell("with", &outcome);
     }
     std::fs::remove_dir_all(&folder)?;

@@ -13,7 +13,7 @@ use crate::still::{self, StateChoice};
 use crate::subject::Subject;
 use crate::window;
 use crate::work::{Done, Opened, Work};
-use palpate::runtime::{Outcome, SessionConfig};
+use palpate::runtime::{Outcome, PreparedSession};
 use std::path::{Path, PathBuf};
 
 /// All that a command can say.
@@ -33,8 +33,6 @@ pub struct Request {
     pub settings: Settings,
     /// The depth that is coloured, m; half of what the curves reach without it.
     pub colour_depth_m: Option<f64>,
-    /// A session to be watched, in place of the mouse as tool.
-    pub session: Option<SessionConfig>,
     /// A file that what the mouse does is recorded into: see [`Viewer::record`].
     pub record: Option<PathBuf>,
 }
@@ -73,23 +71,20 @@ impl From<String> for ViewError {
     }
 }
 
-/// Opens the window, and waits until it is closed or `ends`, which is asked before every picture, comes true. What a watched
-/// session came to, if one was.
+/// Opens the window, and waits until it is closed or `ends`, which is asked before every picture, comes true.
 ///
 /// # Errors
 /// What was given can't be opened; there is no display or no adapter.
-pub fn open(request: &Request, ends: window::Ends) -> Result<Option<Outcome>, ViewError> {
-    if request.state.is_some() && request.session.is_none() {
-        return Ok(window::open(prepared(request)?, Vec::new(), ends)?);
+pub fn open(request: &Request, ends: window::Ends) -> Result<(), ViewError> {
+    if request.state.is_some() {
+        window::open(prepared(request)?, Vec::new(), ends)?;
+        return Ok(());
     }
     // A session begins with its body: not before there is somewhere to show it and to stop it.
     window::display()?;
     let mut viewer = Viewer::with_settings(request.settings);
     viewer.record = request.record.clone();
     let mut first = Vec::new();
-    if let Some(config) = &request.session {
-        viewer.watch(config.clone());
-    }
     if let Some(recording) = &request.recording {
         viewer.read_with_body(recording.clone());
     }
@@ -105,7 +100,23 @@ pub fn open(request: &Request, ends: window::Ends) -> Result<Option<Outcome>, Vi
         viewer.point_camera(camera);
     }
     first.extend(request.time_s.map(Event::Scrub));
-    Ok(window::open(viewer, first, ends)?)
+    window::open(viewer, first, ends)?;
+    Ok(())
+}
+
+/// Opens the window on a session, which begins with the first picture, and waits as [`open`] does. What the session came to;
+/// `None` where it could not begin. The calling thread and the window's keep off the haptic thread's core.
+///
+/// # Errors
+/// There is no display or no adapter: the device is closed, and there was no force.
+pub fn watch(
+    opened: Opened,
+    session: PreparedSession,
+    ends: window::Ends,
+) -> Result<Option<Outcome>, ViewError> {
+    let mut viewer = Viewer::default();
+    viewer.watch(opened, session);
+    Ok(window::open(viewer, Vec::new(), ends)?)
 }
 
 /// A picture without a display.

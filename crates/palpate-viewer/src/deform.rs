@@ -186,7 +186,8 @@ mod tests {
         for k in 0..=100 {
             let s = f64::from(k) / 100.0;
             let tool = ToolState::at([along * s, 0.0, 0.032 + radius - (0.002 + depth) * s]);
-            shown = Some(Shown::of_step(s, tool, &contact.step(body, &tool, 1e-3), 1.0));
+            let output = contact.step(body, &tool, 1e-3);
+            shown = Some(Shown::of_step(s, tool, &output, &contact));
         }
         shown.unwrap()
     }

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use palpate::engine::{ContactPoint, Flags, Ledger};
 use palpate::runtime::{Record, StageFlags};
-use palpate::{Output, ToolState};
+use palpate::{Contact, Output, ToolState};
 
 /// What is drawn and told of one moment, in the body's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,8 +20,10 @@ pub struct Shown {
     pub contact: Option<ContactPoint>,
     /// What happened in the engine.
     pub flags: Flags,
-    /// Energies; `tank_j` and `relaxed_j` are 0 where a record doesn't have them.
+    /// Energies but for the tank's.
     pub energy: Ledger,
+    /// The tank's, J; none where no tank holds slip back, or where it is not known.
+    pub tank_j: Option<f64>,
     /// What the device was commanded, N in its own frame; none outside of a loop.
     pub command_n: Option<DVec3>,
     /// What the output stages did.
@@ -31,8 +33,8 @@ pub struct Shown {
 }
 
 impl Shown {
-    /// A step's.
-    pub fn of_step(time_s: f64, tool: ToolState, output: &Output, friction_scale: f64) -> Self {
+    /// A step's of this contact.
+    pub fn of_step(time_s: f64, tool: ToolState, output: &Output, contact: &Contact) -> Self {
         Shown {
             time_s,
             tool,
@@ -41,9 +43,10 @@ impl Shown {
             contact: output.contact,
             flags: output.flags,
             energy: output.energy,
+            tank_j: contact.has_tank().then_some(output.energy.tank_j),
             command_n: None,
             stages: StageFlags::default(),
-            friction_scale,
+            friction_scale: contact.friction_scale(),
         }
     }
 
@@ -71,6 +74,7 @@ impl Shown {
             contact,
             flags: record.engine(),
             energy,
+            tank_j: Some(record.tank_j).filter(|j| !j.is_nan()),
             command_n: Some(DVec3::from_array(record.command_force_n)),
             stages: record.stages(),
             friction_scale: if record.slip_rule_code == 0 { 1.0 } else { record.friction_scale },
@@ -98,6 +102,7 @@ impl Shown {
             stored_j: self.energy.stored_j,
             dissipated_j: self.energy.dissipated_j,
             generated_j: self.energy.generated_j,
+            tank_j: self.tank_j.unwrap_or(f64::NAN),
             ..bytemuck::Zeroable::zeroed()
         }
     }

@@ -14,7 +14,7 @@ use crate::subject::Subject;
 use crate::touch::Touch;
 use crate::work::{Done, Work};
 use glam::{DVec2, DVec3};
-use palpate::runtime::{Outcome, Record, SessionConfig, Summary};
+use palpate::runtime::{Outcome, PreparedSession, Record, Summary};
 use std::path::{Path, PathBuf};
 
 /// What can happen to a viewer.
@@ -158,8 +158,8 @@ pub struct Viewer {
     refreshed_s: f64,
     records: Vec<Record>,
     summary: Option<Summary>,
-    /// A session that is watched as soon as the body is there.
-    to_watch: Option<SessionConfig>,
+    /// A session that is watched from the next tick on.
+    to_watch: Option<PreparedSession>,
     /// A recording that is read as soon as the body is there.
     to_read: Option<PathBuf>,
     watched: Option<Outcome>,
@@ -212,9 +212,16 @@ impl Viewer {
         viewer
     }
 
-    /// Watches a session of this configuration once the body is there.
-    pub fn watch(&mut self, config: SessionConfig) {
-        self.to_watch = Some(config);
+    /// Shows this body, and watches a session on it that begins with the next [tick](Viewer::tick): not before there is
+    /// somewhere to see it and to stop it.
+    pub fn watch(&mut self, opened: crate::work::Opened, session: PreparedSession) {
+        self.to_watch = Some(session);
+        self.show_body(opened);
+    }
+
+    /// The session that is about to be watched.
+    pub fn to_watch(&self) -> Option<&PreparedSession> {
+        self.to_watch.as_ref()
     }
 
     /// Reads this recording once the body is there.
@@ -385,12 +392,6 @@ impl Viewer {
     fn start(&mut self) {
         self.end_activity();
         let Some(subject) = &self.subject else { return };
-        // Once: what comes after it is led by the mouse.
-        if let Some(config) = self.to_watch.take() {
-            let watched = Touch::watched(&subject.session_body(), &config);
-            self.begin_touch(watched);
-            return;
-        }
         // A tool that begins inside of the body feels nothing until it has left it: it begins above where it is to press.
         let at = self.target(false).unwrap_or_else(|| {
             let top = palpate::runtime::motion::top(&*subject.body).unwrap_or(subject.surface.origin);
@@ -518,6 +519,11 @@ impl Viewer {
             self.work = None;
             self.came(done);
         }
+        // Once: what comes after it is led by the mouse.
+        if let Some(session) = self.to_watch.take() {
+            self.end_activity();
+            self.begin_touch(Touch::watched(session));
+        }
         match &mut self.activity {
             Activity::Playback(playback) => playback.advance(if dt.is_finite() { dt } else { 0.0 }),
             Activity::Touch(touch) => {
@@ -559,7 +565,7 @@ impl Viewer {
                 self.subject = Some(subject);
                 if let Some(recording) = self.to_read.take() {
                     self.open(recording);
-                } else if self.touches {
+                } else if self.touches && self.to_watch.is_none() {
                     self.start();
                 }
             }

@@ -105,7 +105,7 @@ pub fn state(body: &Body, choice: &StateChoice, settings: &Settings) -> Result<V
             let tool = ToolState::at(pair[0].lerp(pair[1], share).to_array());
             let output = contact.step(body, &tool, 1e-3);
             time_s += 1e-3;
-            states.push(Shown::of_step(time_s, tool, &output, settings.friction_scale));
+            states.push(Shown::of_step(time_s, tool, &output, &contact));
         }
     }
     Ok(states)

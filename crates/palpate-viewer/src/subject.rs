@@ -59,7 +59,6 @@ impl Subject {
     /// Puts a body on show.
     pub fn new(opened: Opened, settings: &Settings) -> Self {
         let Opened { body, name, file } = opened;
-        let body = Arc::new(body);
         let surface = DrawnSurface::new(&body, settings.colouring.is_by_element());
         let coloured = colouring::colour(&body, &surface, Colouring::Plain, 0.0, None, settings.theme);
         // What the body answers at its deepest is drawn as long as the body is large.

@@ -28,8 +28,6 @@ pub struct Touch {
     pub lead: Option<Lead>,
     /// The hand's stiffness, N/m; 0 where it is not known.
     pub hand_n_per_m: f64,
-    /// The limits of a session that was started here.
-    pub force_max_n: f64,
     is_paused: bool,
     stopped: bool,
     /// Plays how fast the force changes.
@@ -88,31 +86,19 @@ impl Touch {
             session,
             lead: Some(lead),
             hand_n_per_m: hand.stiffness_n_per_m,
-            force_max_n: settings.force_max_n,
             is_paused: false,
             stopped: false,
             speaker: None,
         })
     }
 
-    /// A session as it is configured, watched only.
+    /// A session that is watched only.
     ///
     /// # Errors
-    /// What the session refuses, in words.
-    pub fn watched(body: &SessionBody, config: &SessionConfig) -> Result<Self, String> {
-        let config = SessionConfig { history: HISTORY, ..config.clone() };
-        let force_max_n = config.safety.force_max_n.unwrap_or(palpate::runtime::GENTLE_N);
-        let prepared = PreparedSession::new(body.clone(), config, None);
-        let session = prepared.and_then(PreparedSession::start).map_err(|e| e.to_string())?;
-        Ok(Touch {
-            session,
-            lead: None,
-            hand_n_per_m: 0.0,
-            force_max_n,
-            is_paused: false,
-            stopped: false,
-            speaker: None,
-        })
+    /// What the session refuses when it is started, in words.
+    pub fn watched(session: PreparedSession) -> Result<Self, String> {
+        let session = session.start().map_err(|e| e.to_string())?;
+        Ok(Touch { session, lead: None, hand_n_per_m: 0.0, is_paused: false, stopped: false, speaker: None })
     }
 
     /// The latest period.

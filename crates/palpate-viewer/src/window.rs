@@ -14,7 +14,8 @@ const PERIOD: Duration = Duration::from_millis(16);
 /// And while nothing does: what is under way may end.
 const IDLE: Duration = Duration::from_millis(200);
 
-/// Whether the end was asked for from outside, as by a signal. It sees each picture's viewer before it is drawn.
+/// Whether the end was asked for from outside, as by a signal. It sees each picture's viewer before it is drawn, and is asked now
+/// and then while the window is hidden.
 pub type Ends = Box<dyn FnMut(&Viewer) -> bool>;
 
 struct App {
@@ -26,14 +27,21 @@ struct App {
 }
 
 impl eframe::App for App {
-    fn ui(&mut self, ui: &mut egui::Ui, _frame: &mut eframe::Frame) {
+    /// Also while the window is hidden, and draws nothing.
+    fn logic(&mut self, context: &egui::Context, _frame: &mut eframe::Frame) {
         self.viewer.tick(self.began.elapsed().as_secs_f64());
         if (self.ends)(&self.viewer) {
-            ui.ctx().send_viewport_cmd(egui::ViewportCommand::Close);
+            context.send_viewport_cmd(egui::ViewportCommand::Close);
         }
+        context.request_repaint_after(IDLE);
+    }
+
+    fn ui(&mut self, ui: &mut egui::Ui, _frame: &mut eframe::Frame) {
         let events = ui::show(&self.viewer, ui);
         self.viewer.update(events);
-        ui.ctx().request_repaint_after(if self.viewer.is_moving() { PERIOD } else { IDLE });
+        if self.viewer.is_moving() {
+            ui.ctx().request_repaint_after(PERIOD);
+        }
     }
 
     fn on_exit(&mut self) {
@@ -70,6 +78,10 @@ pub fn open(viewer: Viewer, first: Vec<Event>, ends: Ends) -> Result<Option<Outc
     let theirs = outcome.clone();
     let mut viewer = viewer;
     viewer.update(first);
+    if let Some(session) = viewer.to_watch() {
+        // The toolkit's threads and the graphics driver's inherit it. Where it is refused they are where they would be without.
+        let _ = session.keep_off_its_core();
+    }
     let options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
             .with_title("palpate")

@@ -6,7 +6,7 @@ use palpate::Body;
 use palpate::build::Progress;
 use palpate::build::precompute::{Stopped, body_of_spec};
 use palpate::engine::certify::{Assumptions, Bounds, Criterion, Effort, ElementStates, frictions, least};
-use palpate::runtime::BodyFile;
+use palpate::runtime::{BodyFile, SessionBody};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -31,11 +31,28 @@ pub enum Done {
 #[derive(Debug)]
 pub struct Opened {
     /// It.
-    pub body: Body,
+    pub body: Arc<Body>,
     /// What it is called.
     pub name: String,
     /// Its file, as recordings name it; empty for one that has none.
     pub file: BodyFile,
+}
+
+impl Opened {
+    /// The body at `path`.
+    ///
+    /// # Errors
+    /// It can't be read, or is no body, in words.
+    pub fn read(path: &Path) -> Result<Self, String> {
+        let open = || Body::open(path).map_err(anyhow::Error::from);
+        let (body, file) = BodyFile::read_with(path, true, open).map_err(|e| palpate::files::message(&e))?;
+        Ok(Opened { body: Arc::new(body), name: file.name.clone(), file })
+    }
+
+    /// As sessions want it.
+    pub fn session_body(&self) -> SessionBody {
+        SessionBody { source: self.body.clone(), file: self.file.clone() }
+    }
 }
 
 /// How far a simulation is.
@@ -109,7 +126,7 @@ impl Work {
 
     /// Opens a body's file.
     pub fn open_body(path: PathBuf) -> Self {
-        Work::start(format!("Opening {}", name_of(&path)), false, move |_, _| match opened(&path) {
+        Work::start(format!("Opening {}", name_of(&path)), false, move |_, _| match Opened::read(&path) {
             Ok(opened) => Done::Body(Box::new(opened)),
             Err(e) => Done::Failed(e),
         })
@@ -134,7 +151,11 @@ impl Work {
                 Example::Ball => simulated_ball(meter, cancelled),
                 _ => example.make().map_err(|e| Done::Failed(e.to_string())),
             };
-            let opened = |body| Opened { body, name: example.title().into(), file: BodyFile::default() };
+            let opened = |body: Body| Opened {
+                body: body.into(),
+                name: example.title().into(),
+                file: BodyFile::default(),
+            };
             made.map_or_else(|done| done, |body| Done::Body(Box::new(opened(body))))
         })
     }
@@ -148,7 +169,7 @@ impl Work {
                 Err(stopped) => return told(stopped, &folder),
             };
             let file = folder.join(format!("{}.body", stem_of(&spec)));
-            match body.save(&file).map_err(|e| e.to_string()).and_then(|()| opened(&file)) {
+            match body.save(&file).map_err(|e| e.to_string()).and_then(|()| Opened::read(&file)) {
                 Ok(opened) => Done::Body(Box::new(opened)),
                 Err(e) => Done::Failed(e),
             }
@@ -207,12 +228,6 @@ fn simulated_ball(meter: &Meter, cancelled: &AtomicBool) -> Result<Body, Done> {
 fn cores() -> usize {
     // One is left to the window.
     thread::available_parallelism().map_or(1, |n| n.get().saturating_sub(1).max(1))
-}
-
-fn opened(path: &Path) -> Result<Opened, String> {
-    let open = || Body::open(path).map_err(anyhow::Error::from);
-    let (body, file) = BodyFile::read_with(path, true, open).map_err(|e| palpate::files::message(&e))?;
-    Ok(Opened { body, name: file.name.clone(), file })
 }
 
 /// Why a recording of one body can't be shown on another.

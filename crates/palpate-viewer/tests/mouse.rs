@@ -36,7 +36,11 @@ fn watch(
 
 fn touching(example: Example) -> Viewer {
     let mut viewer = Viewer::default();
-    viewer.show_body(Opened { body: example.make().unwrap(), name: "pad".into(), file: BodyFile::default() });
+    viewer.show_body(Opened {
+        body: example.make().unwrap().into(),
+        name: "pad".into(),
+        file: BodyFile::default(),
+    });
     assert!(viewer.message().is_none(), "{:?}", viewer.message());
     viewer.update([Event::Look(StandardView::Top), Event::Resize(1.0)]);
     viewer

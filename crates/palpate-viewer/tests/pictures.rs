@@ -10,7 +10,7 @@ use egui_kittest::wgpu::WgpuTestRenderer;
 use egui_kittest::{Harness, SnapshotOptions, SnapshotResults};
 use palpate::engine::certify::Bounds;
 use palpate_viewer::drop::MeshQuestion;
-use palpate_viewer::gallery::Example;
+use palpate_viewer::gallery::{BALL_SPEC, Example};
 use palpate_viewer::offscreen::render_state;
 use palpate_viewer::palette::Theme;
 use palpate_viewer::scene::{Marks, Section};
@@ -156,6 +156,21 @@ fn what_lies_over_the_window() {
     ]);
     picture(&mut results, "mesh-answered", answered);
 
+    // Who opens a pipe waits until somebody writes into it: so the simulation is under way for as long as the picture wants.
+    #[cfg(unix)]
+    {
+        let [spec, pipe] = ["organ.toml", "pipe.obj"].map(|name| folder.path().join(name));
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let shape = "[body.shape]\nkind = \"sphere\"\nradius_mm = 15";
+        assert!(BALL_SPEC.contains(shape));
+        let piped = BALL_SPEC.replace(shape, "[body]\nmesh = \"pipe.obj\"\nunit = \"mm\"");
+        std::fs::write(&spec, piped).unwrap();
+        let mut simulating = common::showing(Example::Pad, Settings::default());
+        simulating.update([Event::Open(spec), Event::Example(Example::Ring)]);
+        assert_eq!(simulating.instead(), Some(&Event::Example(Example::Ring)));
+        picture(&mut results, "instead", simulating);
+    }
+
     let mut error = common::showing(Example::Pad, Settings::default());
     error.update([Event::Open("holiday.jpg".into())]);
     picture(&mut results, "error", error);
@@ -168,13 +183,49 @@ fn what_lies_over_the_window() {
     picture(&mut results, "error-on-the-start-page", no_body);
 }
 
+/// What ends a session that is watched is said, and what comes after it is led by the mouse.
+#[test]
+fn a_watched_session_begins_with_the_first_picture_and_says_why_it_ended() {
+    use egui_kittest::kittest::Queryable as _;
+    use palpate::runtime::{PreparedSession, RealTime, SessionConfig};
+    let opened = palpate_viewer::work::Opened {
+        body: Example::Pad.make().unwrap().into(),
+        name: "pad".into(),
+        file: Default::default(),
+    };
+    let real_time = RealTime { priority: None, core: None, lock_memory: false, spin_s: 0.0 };
+    let mut config = SessionConfig { seconds: Some(0.05), real_time, ..SessionConfig::default() };
+    config.patience.late_s = 10.0;
+    let session = PreparedSession::new(opened.session_body(), config, None).unwrap();
+    let mut viewer = Viewer::default();
+    viewer.watch(opened, session);
+    assert!(viewer.touch().is_none() && viewer.to_watch().is_some());
+    viewer.tick(0.0);
+    assert!(viewer.touch().is_some_and(|t| t.lead.is_none()) && viewer.to_watch().is_none());
+    while !viewer.touch().unwrap().is_over() {
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let Some(mut harness) = harness(viewer) else { return };
+    harness.run_steps(2);
+    harness.get_by_label("It has ended: the time is over. The device is closed.");
+    harness.get_by_label("Start again").click();
+    harness.run_steps(2);
+    assert!(harness.state().touch().is_some_and(|t| t.lead.is_some()));
+    let outcome = harness.state_mut().end();
+    assert_eq!(outcome.map(|o| o.report.end.to_string()).as_deref(), Some("the time is over"));
+}
+
 /// With a session the numbers change: its window is drawn, found not to be empty, and the stop is pressed by its label.
 #[test]
 fn a_session_is_stopped_by_its_button() {
     use egui_kittest::kittest::Queryable as _;
     let mut viewer = Viewer::default();
     let body = Example::Pad.make().unwrap();
-    viewer.show_body(palpate_viewer::work::Opened { body, name: "pad".into(), file: Default::default() });
+    viewer.show_body(palpate_viewer::work::Opened {
+        body: body.into(),
+        name: "pad".into(),
+        file: Default::default(),
+    });
     let Some(mut harness) = harness(viewer) else { return };
     harness.run_steps(3);
     let image = harness.render().unwrap();

@@ -2,7 +2,8 @@
 
 use super::Failure;
 use super::run_options::{self, LiveArgs};
-use crate::{console, live};
+use crate::console;
+use crate::live::{self, Told};
 use anyhow::anyhow;
 use palpate_body::Body;
 use palpate_device::presets;
@@ -162,22 +163,17 @@ fn against_the_clock(args: &Args, configs: &[SessionConfig]) -> Result<(), Failu
     // One for all: the end of one session's own would unlock the others.
     let memory = configs.iter().any(|c| c.real_time.lock_memory).then(MemoryLock::new);
     let is_asked = live::signals()?;
-    let mut prepared = Vec::new();
+    let mut sessions = Vec::new();
     for config in configs {
         if !is_asked() {
-            prepared.push(match PreparedSession::new(body.clone(), config.clone(), memory.clone()) {
-                Err(error @ SessionError::Strict { .. }) => {
-                    return Err(Failure::Check(format!("--strict: {error}")));
-                }
-                prepared => prepared?,
-            });
+            sessions.push(prepared(&body, config.clone(), memory.clone())?);
         }
     }
     if is_asked() {
         console::note("a signal asked for the end before it began");
         return Ok(());
     }
-    let told = live::run(prepared, &is_asked, args.json, args.stream_hz)?;
+    let told = live::run(sessions, &is_asked, args.json, args.stream_hz)?;
     for told in &told {
         if args.json {
             console::text(&format!("{}\n", serde_json::to_string(told)?))?;
@@ -185,10 +181,22 @@ fn against_the_clock(args: &Args, configs: &[SessionConfig]) -> Result<(), Failu
             console::text(&told.table())?;
         }
     }
-    match told.iter().find(|told| !told.well) {
-        Some(told) => Err(Failure::Loop(format!("{}: {}", told.device, told.end))),
-        None => Ok(()),
+    told.iter().try_for_each(ended_well)
+}
+
+fn prepared(
+    body: &SessionBody,
+    config: SessionConfig,
+    memory: Option<Result<MemoryLock, String>>,
+) -> Result<PreparedSession, Failure> {
+    match PreparedSession::new(body.clone(), config, memory) {
+        Err(error @ SessionError::Strict { .. }) => Err(Failure::Check(format!("--strict: {error}"))),
+        prepared => Ok(prepared?),
     }
+}
+
+fn ended_well(told: &Told) -> Result<(), Failure> {
+    if told.well { Ok(()) } else { Err(Failure::Loop(format!("{}: {}", told.device, told.end))) }
 }
 
 /// In a window; the table at the end is that of any other run.
@@ -197,29 +205,24 @@ fn view(args: &Args, configs: &[SessionConfig]) -> Result<(), Failure> {
     let [config] = configs else {
         return Err(anyhow!("--view: a window shows one device; give one --device").into());
     };
-    // A window that is hidden hears no signal, and a panic of its toolkit is no panic of the loop's.
-    if !matches!(config.device, DeviceChoice::Simulated(_) | DeviceChoice::Replay(_)) {
-        return Err(anyhow!(
-            "--view: a window shows simulated devices and replays; run the device without it, with --record, and look at the \
-             recording with `palpate view BODY --recording FILE`"
-        )
-        .into());
-    }
     if args.live.body_in.is_some() {
         return Err(anyhow!("--view: a window has the whole body in memory; leave out --body-in").into());
     }
-    let request = palpate_viewer::command::Request {
-        body: Some(args.body.clone()),
-        session: Some(config.clone()),
-        ..Default::default()
-    };
+    // Before a device is opened.
+    palpate_viewer::window::display().map_err(anyhow::Error::msg)?;
+    let opened = palpate_viewer::work::Opened::read(&args.body).map_err(anyhow::Error::msg)?;
+    let config = SessionConfig { history: palpate_viewer::touch::HISTORY, ..config.clone() };
     let is_asked = live::signals()?;
-    let outcome =
-        palpate_viewer::command::open(&request, Box::new(move |_| is_asked())).map_err(|e| anyhow!("{e}"))?;
-    let Some(outcome) = outcome else { return Ok(()) };
-    let told = live::tell(outcome);
+    let session = prepared(&opened.session_body(), config, None)?;
+    let ends = is_asked.clone();
+    let told = live::show(session, &is_asked, |session| {
+        palpate_viewer::command::watch(opened, session, Box::new(move |_| ends())).map_err(|e| anyhow!("{e}"))
+    });
+    let Some(told) = told? else {
+        return Err(Failure::Loop("the session did not begin".into()));
+    };
     console::text(&told.table())?;
-    if told.well { Ok(()) } else { Err(Failure::Loop(format!("{}: {}", told.device, told.end))) }
+    ended_well(&told)
 }
 
 #[cfg(not(feature = "viewer"))]

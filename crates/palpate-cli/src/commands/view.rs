@@ -168,7 +168,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         state: args.state.or((draws && args.body.is_some()).then_some(StateChoice::HALF_DEEP)),
         settings,
         colour_depth_m: args.colour_depth_mm.map(|mm| mm * 1e-3),
-        session: None,
         record: args.record.clone(),
     };
     let read: Vec<&std::path::Path> =

@@ -19,9 +19,9 @@ const _: () =
 
 /// The first eight bytes.
 pub const MAGIC: [u8; 8] = *b"palprec\n";
-/// The format's number. Version 1 has `spare` where version 2 has the handle's angular velocity and
-/// `squares_rad2`.
-pub(super) const VERSION: u32 = 2;
+/// The format's number. Version 1 has `spare` where version 2 has the handle's angular velocity and `squares_rad2`, and both have it
+/// where version 3 has `tank_j`.
+pub(super) const VERSION: u32 = 3;
 /// No header is longer, bytes.
 pub(super) const HEADER_MAX: u32 = 1 << 20;
 /// Where the text of the block that ends a file begins, and how much of it there is room for, bytes.

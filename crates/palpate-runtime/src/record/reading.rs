@@ -12,6 +12,8 @@ use std::path::{Path, PathBuf};
 #[derive(Debug)]
 pub struct Recording<R = BufReader<File>> {
     header: Header,
+    /// Whether its records have `tank_j`.
+    has_tank: bool,
     source: R,
     read: u64,
     ending: Option<Ending>,
@@ -101,12 +103,13 @@ impl<R: Read> Recording<R> {
     /// # Errors
     /// As [`Recording::open`].
     pub fn read(mut source: R, path: &Path) -> Result<Self, OpenRecordingError> {
-        let header = header(&mut source).map_err(|(problem, hint)| OpenRecordingError::Format {
+        let envelope = envelope(&mut source).map_err(|(problem, hint)| OpenRecordingError::Format {
             path: path.into(),
             problem,
             hint,
         })?;
-        Ok(Recording { header, source, read: 0, ending: None })
+        let has_tank = envelope.fields.iter().any(|field| field.name == "tank_j");
+        Ok(Recording { header: envelope.recording, has_tank, source, read: 0, ending: None })
     }
 
     /// What it is of.
@@ -130,6 +133,10 @@ impl<R: Read> Recording<R> {
         match record.kind {
             Record::PERIOD if sound => {
                 self.read += 1;
+                if !self.has_tank {
+                    // Spare there, and 0, which would be a level.
+                    record.tank_j = f64::NAN;
+                }
                 Ok(record)
             }
             Record::END if sound => Err(clean(&record)),
@@ -162,7 +169,7 @@ fn clean(block: &Record) -> Ending {
 /// A problem and how to correct it.
 type Problem = (String, &'static str);
 
-fn header(source: &mut impl Read) -> Result<Header, Problem> {
+fn envelope(source: &mut impl Read) -> Result<Envelope, Problem> {
     const CUT: &str = "it ended before its first record: there is nothing to be read from it";
     let cut = |what: &str| (format!("it ends within its {what}"), CUT);
     let bytes = |source: &mut dyn Read, count: usize, what: &str| -> Result<Vec<u8>, Problem> {
@@ -194,13 +201,13 @@ fn header(source: &mut impl Read) -> Result<Header, Problem> {
         return Err(damaged("its checksum does not fit".into()));
     }
     let envelope: Envelope = serde_json::from_slice(&json).map_err(|e| damaged(e.to_string()))?;
-    let (theirs, ours) = (envelope.fields, Record::fields());
+    let (theirs, ours) = (&envelope.fields, Record::fields());
     let same = theirs.iter().all(|a| is_spare(a) || ours.iter().any(|b| lies_alike(a, b)))
         && ours.iter().all(|b| theirs.iter().any(|a| lies_alike(a, b) || is_spare(a) && holds(a, b)));
     if envelope.record_bytes as usize != Record::BYTES || !same {
         return Err(damaged("its records are not those of this version".into()));
     }
-    Ok(envelope.recording)
+    Ok(envelope)
 }
 
 /// Whether a recording's field is one of ours: its meaning may be said in other words, and what is spare have had a name.

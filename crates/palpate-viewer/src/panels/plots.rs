@@ -177,13 +177,9 @@ fn energy(viewer: &Viewer, ui: &mut Ui, past: &[&Record], now_s: f64, curves: [R
         energy.generated_j * 1e3
     );
     ui.label(RichText::new(words).small());
-    if viewer.subject().is_some_and(|s| s.body.has_tank()) && viewer.settings().tank {
+    if let Some(tank_j) = shown.tank_j {
         let most = energy.tank_limit_j() * 1e3;
-        // A session's records tell no level.
-        let words = match viewer.still() {
-            Some(_) => format!("the tank has {:.3} mJ of at most {most:.3} mJ", energy.tank_j * 1e3),
-            None => format!("the tank has at most {most:.3} mJ"),
-        };
+        let words = format!("the tank has {:.3} mJ of at most {most:.3} mJ", tank_j * 1e3);
         ui.label(RichText::new(words).small()).on_hover_text(
             "What slips have dissipated, and later ones may give out again: a quarter of what is stored at most",
         );

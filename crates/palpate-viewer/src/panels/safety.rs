@@ -23,10 +23,10 @@ pub fn show(viewer: &Viewer, ui: &mut Ui, events: &mut Vec<Event>) {
         };
         let wide = egui::vec2(ui.available_width(), 30.0);
         if touch.is_stopped() || touch.is_over() {
-            let why = if touch.is_stopped() {
-                "Stopped: no force, the device is closed."
-            } else {
-                "The session has ended by itself."
+            let why = match touch.session().end() {
+                _ if touch.is_stopped() => "Stopped: no force, the device is closed.".into(),
+                Some(end) => format!("It has ended: {end}. The device is closed."),
+                None => "It has ended.".into(),
             };
             ui.label(RichText::new(why).color(RED).strong());
             let again = egui::Button::new(RichText::new("Start again").strong()).min_size(wide);
@@ -55,7 +55,7 @@ fn state(viewer: &Viewer, touch: &Touch, ui: &mut Ui) {
     };
     let rows = [
         ("device", touch.session().capabilities().name.to_string()),
-        ("largest force", format!("{} N", touch.force_max_n)),
+        ("largest force", format!("{} N", touch.controls().force_limit_n())),
         ("commanded", format!("{command:.3} N")),
         ("output", output),
     ];

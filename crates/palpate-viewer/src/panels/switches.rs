@@ -22,6 +22,9 @@ fn touch(viewer: &Viewer, ui: &mut Ui, now: &mut Settings) {
     let Some(subject) = viewer.subject() else { return };
     // What is watched was configured by who started it.
     let is_led = viewer.touch().is_none_or(|t| t.lead.is_some());
+    if !is_led || viewer.playback().is_some() {
+        ui.label(RichText::new("What is shown has its own settings. These are the mouse's:").small());
+    }
     ui.add_enabled_ui(is_led, |ui| {
         egui::Grid::new("switches").num_columns(2).spacing([10.0, 5.0]).show(ui, |ui| {
             ui.label("press depth");
@@ -48,8 +51,9 @@ fn touch(viewer: &Viewer, ui: &mut Ui, now: &mut Settings) {
             choice.response.on_hover_text("How the contact point slips: U");
             ui.end_row();
             ui.label("law");
-            ui.label(if subject.body.is_coupled() { "coupled potential" } else { "curves" })
-                .on_hover_text("Of the body's file: a body has one law");
+            ui.label(if subject.body.is_coupled() { "coupled potential" } else { "curves" }).on_hover_text(
+                "The body's own: its responses are of this law, and with another it is another body",
+            );
             ui.end_row();
             ui.label("friction ×");
             let field =
@@ -59,8 +63,9 @@ fn touch(viewer: &Viewer, ui: &mut Ui, now: &mut Settings) {
             ui.label("tool");
             let radius = subject.body.tool().radius_m();
             let size = if radius > 0.0 { format!(", radius {:.1} mm", radius * 1e3) } else { String::new() };
-            ui.label(format!("{}{size}", subject.body.tool().name()))
-                .on_hover_text("The tool that the body was made for");
+            ui.label(format!("{}{size}", subject.body.tool().name())).on_hover_text(
+                "The tool that the body was made for: with another one its responses would be wrong",
+            );
             ui.end_row();
             ui.label("device");
             choose(ui, "device", &mut now.device, &presets::DEVICES);

@@ -18,7 +18,7 @@ pub fn saved(example: Example, folder: &Path) -> (PathBuf, Opened) {
     let path = folder.join(format!("{}.body", example.name()));
     example.make().unwrap().save(&path).unwrap();
     let opened = Opened {
-        body: Body::open(&path).unwrap(),
+        body: Body::open(&path).unwrap().into(),
         name: format!("{}.body", example.name()),
         file: BodyFile {
             name: format!("{}.body", example.name()),
@@ -33,12 +33,12 @@ pub fn showing(example: Example, settings: Settings) -> Viewer {
     let mut viewer = Viewer::with_settings(settings);
     viewer.touches = false;
     let body = example.make().unwrap();
-    viewer.show_body(Opened { body, name: example.title().into(), file: BodyFile::default() });
+    viewer.show_body(Opened { body: body.into(), name: example.title().into(), file: BodyFile::default() });
     viewer.tick(0.0);
     viewer
 }
 
-/// A period as `palpate trace` gives it: its row to the printed digits, and the panel's words of the same numbers.
+/// A period as `palpate trace` gives it: its row to the printed digits, the panel's words of the same numbers, and the tank's level.
 pub type Traced = (String, Vec<(&'static str, String)>);
 
 /// What is shown, in the same form.
@@ -52,7 +52,8 @@ pub fn told(shown: &Shown) -> Traced {
     };
     let mut row = Vec::new();
     write_row(&mut row, &Waypoint { time_s: shown.time_s, pose: shown.tool }, &output).unwrap();
-    (String::from_utf8(row).unwrap(), numbers::told(shown))
+    let tank = ("tank", format!("{:?}", shown.tank_j));
+    (String::from_utf8(row).unwrap(), numbers::told(shown).into_iter().chain([tank]).collect())
 }
 
 /// What `palpate trace` gives of a recording, by the bits of the period's time.
@@ -69,7 +70,7 @@ pub fn trace(body: &Path, recording: &Path) -> BTreeMap<u64, Traced> {
     let mut traced = BTreeMap::new();
     for record in recording {
         let (Some(output), Some(pose)) = (retrace.step(&record).unwrap(), record.tool()) else { continue };
-        let shown = Shown::of_step(record.time_s, pose, &output, 1.0);
+        let shown = Shown::of_step(record.time_s, pose, &output, retrace.contact());
         traced.insert(record.time_s.to_bits(), told(&shown));
     }
     traced
