@@ -143,7 +143,12 @@ impl Contact {
 
     /// The surface point that the tool touches, if it does.
     pub fn touching(&self) -> Option<SurfacePoint> {
-        self.points().iter().find_map(PointContact::touching)
+        self.contact_points().next()
+    }
+
+    /// The surface points that the tool touches: of partial slip there may be two, and the first is that of [`Contact::touching`].
+    pub fn contact_points(&self) -> impl Iterator<Item = SurfacePoint> {
+        self.points().iter().filter_map(PointContact::touching)
     }
 
     /// Where the tool was last seen, m: from there the next step looks for a touch. `None` before the first pose, and while

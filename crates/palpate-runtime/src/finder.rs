@@ -18,7 +18,8 @@ use std::sync::Arc;
 /// How many elements a patch has: some 2.5 mm around a contact point on a body of the size of a fist with five million.
 pub const PATCH_ELEMENTS: usize = 8192;
 
-/// A patch is renewed when the tool is this share of its reach from its middle: of its radius, less the tool's if that is free.
+/// A patch is renewed when the tool is this share of its reach from its middle: of its radius, less what is around the place that it must
+/// hold: the tool if that is free, else the contact points where there are two.
 const WORN: f64 = 0.25;
 /// How far ahead of the tool the next patch is put, s: what making the last one took, and no less nor more than this.
 const AHEAD: [f64; 2] = [5e-3, 50e-3];
@@ -43,8 +44,10 @@ pub struct PatchMessage {
 #[derive(Debug, Clone, Copy)]
 struct ToolSample {
     time_s: f64,
-    /// What the next patch must hold, m: the contact point, or a free tool.
+    /// What the next patch must hold, m: the middle of the contact points, or a free tool,
     place: DVec3,
+    /// and what is so far around it, m: the contact points, or the tool itself.
+    around_m: f64,
     /// Where the contact point would be if nothing held it, m: beside the tool.
     aim: DVec3,
     /// The last patch that came, whether it was taken or not.
@@ -55,17 +58,20 @@ struct ToolSample {
 }
 
 impl ToolSample {
-    fn words(&self) -> [u64; 9] {
+    fn words(&self) -> [u64; 10] {
         let ([a, b, c], [d, e, f]) = (self.place.to_array(), self.aim.to_array());
-        let [time, a, b, c, d, e, f] = [self.time_s, a, b, c, d, e, f].map(f64::to_bits);
-        [time, a, b, c, d, e, f, self.serial, u64::from(self.is_free) << 1 | u64::from(self.waits)]
+        let numbers = [self.time_s, a, b, c, d, e, f, self.around_m];
+        let [time, a, b, c, d, e, f, around] = numbers.map(f64::to_bits);
+        let flags = u64::from(self.is_free) << 1 | u64::from(self.waits);
+        [time, a, b, c, d, e, f, around, self.serial, flags]
     }
 
-    fn of([time, a, b, c, d, e, f, serial, flags]: [u64; 9]) -> Self {
+    fn of([time, a, b, c, d, e, f, around, serial, flags]: [u64; 10]) -> Self {
         let point = |words: [u64; 3]| DVec3::from_array(words.map(f64::from_bits));
         ToolSample {
             time_s: f64::from_bits(time),
             place: point([a, b, c]),
+            around_m: f64::from_bits(around),
             aim: point([d, e, f]),
             serial,
             is_free: flags & 2 != 0,
@@ -77,7 +83,7 @@ impl ToolSample {
 /// What the two share.
 #[derive(Debug, Default)]
 pub struct Link {
-    look: Board<9>,
+    look: Board<10>,
     fresh: Mailbox<PatchMessage>,
     used: Mailbox<PatchMessage>,
     beats: AtomicU64,
@@ -228,12 +234,14 @@ impl PatchHolder {
     pub fn report(&self, time_s: f64, tip_m: [f64; 3], contact: &Contact, waits: bool) {
         let (body, tip) = (self.message.patch.model(), DVec3::from_array(tip_m));
         let touching = contact.touching();
-        let (place, aim) = touching.map_or((tip, tip), |at| {
-            let (place, inward) = (body.point(at), body.inward(at));
-            (place, tip - inward * (tip - place).dot(inward))
+        let (place, around_m, aim) = touching.map_or((tip, body.tool().radius_m(), tip), |at| {
+            let (first, inward) = (body.point(at), body.inward(at));
+            let last = contact.contact_points().last().map_or(first, |at| body.point(at));
+            let aim = tip - inward * (tip - first).dot(inward);
+            (first.midpoint(last), 0.5 * first.distance(last), aim)
         });
-        let sample =
-            ToolSample { time_s, place, aim, serial: self.serial, is_free: touching.is_none(), waits };
+        let is_free = touching.is_none();
+        let sample = ToolSample { time_s, place, around_m, aim, serial: self.serial, is_free, waits };
         self.link.look.write(&sample.words());
     }
 }
@@ -248,7 +256,7 @@ impl Finder {
         self.hands.extend(self.link.used.take());
         let Some((words, times)) = self.link.look.read() else { return Ok(false) };
         let sample = ToolSample::of(words);
-        let ToolSample { time_s, place, aim, is_free, .. } = sample;
+        let ToolSample { time_s, place, around_m, aim, is_free, .. } = sample;
         if times == 0 || !(place.is_finite() && aim.is_finite()) {
             return Ok(false);
         }
@@ -257,9 +265,8 @@ impl Finder {
         if newest.radius_m == f64::INFINITY {
             return Ok(false);
         }
-        // A free tool must be within the patch as it is large.
-        let tool = if is_free { self.body.model_header().tool().radius_m() } else { 0.0 };
-        let reach = |elements| (newest.radius_of_m(elements) - tool).max(0.0);
+        // A free tool must be within the patch as it is large, and two contact points both.
+        let reach = |elements| (newest.radius_of_m(elements) - around_m).max(0.0);
         let ahead = |elements: usize| {
             let took = (self.took * elements as f64).clamp(AHEAD[0], AHEAD[1]);
             let ahead = aim + self.velocity * took - place;

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{shape, with_field};
+use common::{patch, shape, uniform, with_field};
 use palpate_body::Body;
 use palpate_body::shape::Shape;
 use palpate_device::{Device, Pose, Replay, ReplaySample};
@@ -28,20 +28,42 @@ fn around(seconds: f64) -> Vec<ReplaySample> {
     (0..=(seconds * 1e3) as usize).map(sample).collect()
 }
 
+/// Onto a plane, a millimetre deep, and then to and fro by 10 mm.
+fn to_and_fro(seconds: f64) -> Vec<ReplaySample> {
+    let sample = |k: usize| {
+        let t = k as f64 * 1e-3;
+        let aside = 10e-3 * libm::sin(15.0 * (t - 0.1).max(0.0));
+        let position_m = [aside, 0.0, 1e-3 - 2e-3 * (t / 0.1).min(1.0)];
+        ReplaySample { time_s: t, pose: Pose { position_m, ..Pose::default() }, buttons: 0 }
+    };
+    (0..=(seconds * 1e3) as usize).map(sample).collect()
+}
+
 fn ball() -> Arc<Body> {
     let mesh = shape(Shape::Sphere { radius_mm: RADIUS * 1e3 }, 0.3);
     Arc::new(with_field(&mesh, 600.0, 500.0, 0.1, &|_| 1.0))
 }
 
-/// Periods in which the contact point waited, in each tenth of a second, where making a patch of all elements takes `whole`
-/// periods, and the finder is stalled for some; and the patches that were refused.
-fn waits(body: &Arc<Body>, whole: usize, stalled: std::ops::Range<usize>) -> (Vec<usize>, u64) {
-    let mut device = Replay::new(around(1.5));
+/// What came of a path.
+#[derive(Debug, PartialEq)]
+struct Seen {
+    /// Periods in which the contact point waited, in each tenth of a second,
+    waits: Vec<usize>,
+    /// patches that were refused,
+    refused: u64,
+    /// and how far two contact points were apart at most, m.
+    apart_m: f64,
+}
+
+/// What comes of a path of 1.5 s where making a patch of all elements takes `whole` periods, and the finder is stalled for some.
+fn led(body: &Arc<Body>, path: Vec<ReplaySample>, whole: usize, stalled: std::ops::Range<usize>) -> Seen {
+    let start = path[0].pose.position_m;
+    let mut device = Replay::new(path);
     device.open().unwrap();
     let stages = Stages { force: Limit::new(1e3, 1e3), ..Stages::default() };
     let mut haptics = HapticLoop::new(Contact::new(body), WorkspaceMap::default(), stages);
-    let (mut patch_holder, mut finder) = patch_holder(body.clone(), [0.0, 0.0, RADIUS], ELEMENTS).unwrap();
-    let mut waits = vec![0; 15];
+    let (mut patch_holder, mut finder) = patch_holder(body.clone(), start, ELEMENTS).unwrap();
+    let (mut waits, mut apart_m) = (vec![0; 15], 0.0f64);
     let (mut serial, mut busy_until) = (1, 0);
     for k in 0..1500 {
         if k >= busy_until && !stalled.contains(&k) {
@@ -62,15 +84,32 @@ fn waits(body: &Arc<Body>, whole: usize, stalled: std::ops::Range<usize>) -> (Ve
             period.output.flags.has(Flags::PATCH_BOUNDARY),
         );
         waits[k / 100] += usize::from(period.output.flags.has(Flags::PATCH_BOUNDARY));
+        let mut points = haptics.contact().contact_points().map(|at| patch_holder.patch().model().point(at));
+        if let (Some(one), Some(other)) = (points.next(), points.next()) {
+            apart_m = apart_m.max(one.distance(other));
+        }
     }
-    (waits, patch_holder.refused())
+    Seen { waits, refused: patch_holder.refused(), apart_m }
 }
 
 #[test]
 fn a_finder_in_time_is_never_waited_for() {
     let body = ball();
     for whole in [1, 10, 20] {
-        assert_eq!(waits(&body, whole, 0..0), (vec![0; 15], 0), "{whole}");
+        let never = Seen { waits: vec![0; 15], refused: 0, apart_m: 0.0 };
+        assert_eq!(led(&body, around(1.5), whole, 0..0), never, "{whole}");
+    }
+}
+
+/// Two contact points are apart where a drag turns back, by nearly half of what a patch reaches: it holds both.
+#[test]
+fn a_patch_holds_both_contact_points_of_partial_slip() {
+    let plane = uniform(&patch(0.1, 300), 600.0, 60.0, 6.0);
+    let body = Arc::new(plane.with_partial_slip(true));
+    for whole in [1, 5] {
+        let Seen { waits, refused, apart_m } = led(&body, to_and_fro(1.5), whole, 0..0);
+        assert!(apart_m > 1.5e-3, "{apart_m}");
+        assert!(waits.iter().all(|&n| n == 0) && refused == 0, "{whole}: {waits:?} {refused}");
     }
 }
 
@@ -78,7 +117,7 @@ fn a_finder_in_time_is_never_waited_for() {
 fn a_tool_that_has_outrun_its_patch_is_caught_up_with() {
     let body = ball();
     for whole in [1, 20] {
-        let (waits, refused) = waits(&body, whole, 300..500);
+        let Seen { waits, refused, .. } = led(&body, around(1.5), whole, 300..500);
         // The patch reaches a fifth of the 20 mm. One that is laid where the contact point waits takes it on by that, one that is
         // laid ahead of it by more.
         assert!(waits[4] == 100, "{whole}: {waits:?}");
