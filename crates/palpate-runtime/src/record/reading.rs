@@ -108,7 +108,7 @@ impl<R: Read> Recording<R> {
             problem,
             hint,
         })?;
-        let has_tank = envelope.fields.iter().any(|field| field.name == "tank_j");
+        let has_tank = has_tank(&envelope.fields);
         Ok(Recording { header: envelope.recording, has_tank, source, read: 0, ending: None })
     }
 
@@ -207,7 +207,15 @@ fn envelope(source: &mut impl Read) -> Result<Envelope, Problem> {
     if envelope.record_bytes as usize != Record::BYTES || !same {
         return Err(damaged("its records are not those of this version".into()));
     }
+    // No checksum covers the version.
+    if (version >= 3) != has_tank(&envelope.fields) {
+        return Err(damaged("its records are not those of its version".into()));
+    }
     Ok(envelope)
+}
+
+fn has_tank(fields: &[Field]) -> bool {
+    fields.iter().any(|field| field.name == "tank_j")
 }
 
 /// Whether a recording's field is one of ours: its meaning may be said in other words, and what is spare have had a name.
