@@ -54,7 +54,7 @@
 #define PALPATE_RECORD_INIT \
     { (uint32_t)sizeof(palpate_record), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, { 0 }, { 0 }, { 0 }, 0, 0, { 0 }, \
       { 0 }, { 0 }, { 0 }, { 0 }, { 0 }, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, { 0 }, { 0 }, { 0 }, 0, 0, 0, 0, 0, 0, \
-      { 0 }, 0, 0, { 0 }, 0, 0 }
+      { 0 }, 0, 0, 0, { 0 }, 0, 0 }
 #define PALPATE_OUTCOME_INIT { (uint32_t)sizeof(palpate_outcome), 0, 0, 0, 0, 0, 0, 0, 0, 0, { 0 } }
 #define PALPATE_LOOP_DEVICE_INIT { (uint32_t)sizeof(palpate_loop_device), 0, 0, 1000.0, 0, 0, 0 }
 #define PALPATE_CERTIFY_OPTIONS_INIT { (uint32_t)sizeof(palpate_certify_options), 0, 0, 0, 1e-3, 0, NULL }
