@@ -229,7 +229,7 @@ impl Output {
             flags.unset(Flags::ONSET);
         }
         if flags.has(Flags::IN_CONTACT) {
-            flags.unset(Flags::RELEASED | Flags::STARTED_INSIDE);
+            flags.unset(Flags::RELEASED | Flags::BORDER | Flags::STARTED_INSIDE);
         }
         Output {
             force_n: mean(self.force_n, other.force_n),

@@ -10,7 +10,7 @@ use common::{force, step};
 use frictional::{RADIUS, State, liver_patch_body, places};
 use glam::DVec3;
 use palpate_body::{Body, SlipRule};
-use palpate_engine::{Ablation, Contact, Flags};
+use palpate_engine::{Ablation, Contact};
 
 /// Errors in % of the largest press force, along the place's normal and across it.
 #[derive(Default)]
@@ -50,7 +50,8 @@ fn led(body: &Body, rule: SlipRule, partial: bool, start: DVec3, states: &[&Stat
         for i in 1..=count {
             x = from + (state.centre - from) * (i as f64 / count as f64);
             let o = step(&mut contact, body, x);
-            on_patch &= !o.flags.has(Flags::BORDER) && (o.flags.has(Flags::IN_CONTACT) || i < count);
+            let whole = contact.contact_points().count() == 1 + usize::from(partial);
+            on_patch &= whole || i < count;
             felt = -force(&o);
         }
         on_patch.then_some(felt)
