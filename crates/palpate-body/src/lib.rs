@@ -27,6 +27,7 @@
 //!     tool: Tool::Point,
 //!     slip: SlipRule::Paper,
 //!     tank: true,
+//!     partial_slip: false,
 //!     provenance: Provenance::default(),
 //! })?;
 //! assert_eq!(body.curves().len(), 1);
