@@ -199,7 +199,7 @@ fn a_law_becomes_a_body_a_trace_and_tables() {
     assert_eq!(inspection["lateral_ratio"], serde_json::json!([1.0, 1.0]));
     assert_eq!(inspection["slip"], "paper");
     assert_eq!((&inspection["tank"], &inspection["partial_slip"]), (&false.into(), &false.into()));
-    directory.write("two.toml", &SPEC.replace("tank = false", "partial = true"));
+    directory.write("two.toml", SPEC.replace("tank = false", "partial = true"));
     directory.done("fit --spec two.toml -o two.body");
     let two = directory.json("inspect two.body --json");
     assert_eq!((&two["tank"], &two["partial_slip"]), (&true.into(), &true.into()));
