@@ -121,22 +121,15 @@ impl Element {
         let passive_first = first(&self.passive, &other.passive);
         let snap_free_first = first(&self.snap_free, &other.snap_free);
         Element {
-            passive: least_of(self.passive, other.passive),
+            passive: self.passive.worse(other.passive),
             passive_friction: friction(self.passive_friction, other.passive_friction, passive_first),
-            snap_free: least_of(self.snap_free, other.snap_free),
+            snap_free: self.snap_free.worse(other.snap_free),
             snap_free_friction: friction(self.snap_free_friction, other.snap_free_friction, snap_free_first),
-            lipschitz: self.lipschitz.zip(other.lipschitz).map(|(one, other)| least_of(one, other)),
+            lipschitz: self.lipschitz.zip(other.lipschitz).map(|(one, other)| one.worse(other)),
             creased: self.creased,
             too_far: self.too_far || other.too_far,
         }
     }
-}
-
-/// What bounds both.
-fn least_of(one: Bounds, other: Bounds) -> Bounds {
-    let (proved, evaluations) = (one.proved.min(other.proved), one.evaluations + other.evaluations);
-    let least = if one.found <= other.found { one } else { other };
-    Bounds { proved, evaluations, ..least }
 }
 
 /// Bounds of every element of a body, in their order; none once `cancelled` is true. `done` is called after each.

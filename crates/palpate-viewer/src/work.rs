@@ -281,7 +281,7 @@ impl Certificate {
                     let states = ElementStates::new(&body, element, &assumptions.with_friction(friction));
                     least(Criterion::Passive, &states, &states.cells(), effort)
                 });
-                let bound = each.min_by(|a, b| a.proved.total_cmp(&b.proved));
+                let bound = each.reduce(Bounds::worse);
                 its_bounds.lock().unwrap_or_else(PoisonError::into_inner).extend(bound);
             }
         });

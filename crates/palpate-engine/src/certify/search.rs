@@ -31,6 +31,15 @@ pub struct Bounds {
     pub evaluations: u32,
 }
 
+impl Bounds {
+    /// What bounds both.
+    pub fn worse(self, other: Bounds) -> Bounds {
+        let (proved, evaluations) = (self.proved.min(other.proved), self.evaluations + other.evaluations);
+        let least = if self.found <= other.found { self } else { other };
+        Bounds { proved, evaluations, ..least }
+    }
+}
+
 /// Less than this below zero is rounding, in the criterion's unit.
 pub const ROUNDING: f64 = 1e-9;
 
