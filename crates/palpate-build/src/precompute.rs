@@ -1,11 +1,14 @@
 //! From a spec to a body by simulation: what is prepared, the run itself, and the body that its record makes.
 
 pub mod assemble;
+mod compliance;
 pub mod elements;
 pub mod fields;
 mod of_spec;
 pub mod prepare;
 pub mod run;
+mod supports;
+pub mod touched;
 pub mod volume;
 mod workspace;
 

@@ -503,17 +503,8 @@ impl Leg {
     }
 }
 
-/// For each node of the body whether the tool can come there: whether the nearest of the simulated surface's
-/// nodes, given as (position, held), is free, and what is held farther away than `margin_m`, as for test
-/// points.
-///
-/// # Errors
-/// As [`palpate_identify::touchable`].
-pub fn touchable(
-    body: &Body,
-    surface: impl Iterator<Item = (DVec3, bool)>,
-    margin_m: f64,
-) -> Result<Vec<bool>> {
+/// For each node of the body whether it is held: whether the nearest of the simulated surface's nodes, given as (position, held), is.
+pub fn held_nodes(body: &Body, surface: impl Iterator<Item = (DVec3, bool)>) -> Vec<bool> {
     let mut nodes: Vec<(DVec3, bool)> = surface.collect();
     nodes.sort_by(|a, b| a.0.x.total_cmp(&b.0.x));
     let is_held = |p: DVec3| {
@@ -531,8 +522,7 @@ pub fn touchable(
         let _ = below.iter().rev().all(&mut visit);
         best.1
     };
-    let held: Vec<bool> = body.nodes().iter().map(|n| is_held(n.position)).collect();
-    Ok(palpate_identify::touchable(&body.parts().surface, &held, margin_m)?)
+    body.nodes().iter().map(|n| is_held(n.position)).collect()
 }
 
 /// Tries paths on `body`; `progress` hears of each path that is done. Paths run beside each other on the

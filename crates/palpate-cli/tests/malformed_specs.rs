@@ -262,6 +262,8 @@ const CASES: &[(&str, &str, &[&str])] = &[
     ("count = 5", "at_mm = [[0, 0, 500]]", &["spec.toml", "point 0", "far from the surface", "move"]),
     ("count = 5", "at_mm = [[0, 0, -10]]", &["spec.toml", "point 0", "fixed there", "move"]),
     ("count = 5", "at_mm = [[0, 0, 10], [0, 0, 10.01]]", &["spec.toml", "point 1", "point 0", "remove"]),
+    ("count = 5", "box_mm = [[0, 0, 0], [0, 5, 5]]", &["spec.toml:35:", "box_mm", "second corner"]),
+    ("count = 5", "box_mm = [[40, 40, 40], [50, 50, 50]]", &["spec.toml", "[test_points] box_mm", "move or"]),
     ("element_size_mm = 3", "element_size_mm = 0", &["spec.toml:", "element_size_mm is 0"]),
     ("interior_size_mm = 4", "interior_size_mm = 1", &["spec.toml:", "interior_size_mm", "as long"]),
     ("element_size_mm = 3", "element_size_mm = 0.01", &["spec.toml", "element_size_mm 0.01", "larger"]),

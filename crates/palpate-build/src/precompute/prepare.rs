@@ -1,25 +1,25 @@
 //! From a spec to what a run needs: surface, volume mesh, supports, materials, test points. Cheap checks come first.
 
+use super::compliance::{compliance_prior, rest_compliance};
 use super::elements::Elements;
 use super::run::{Prepared, Rounds};
+use super::supports::{held_nodes, hold_surface, no_group};
+use super::touched::{NEEDLESS, TouchedSurface, affordable, choose, one_for_each_vertex};
 use super::{assemble, volume};
 use crate::paths_file::{PathsPlan, Point, Scene, TestPoint};
 use crate::spec::{
-    COUNT, Fixed, Geometry, Material, MaterialLaw, Place, Selection, Simulation, Spec, TestPoints, ToolShape,
-    Volume,
+    Geometry, Material, MaterialLaw, Place, Selection, Simulation, Spec, TestPoints, ToolShape, Volume,
 };
 use anyhow::{Result, anyhow, bail};
 use glam::{DMat3, DVec3};
 use palpate_body::{MeshSearch, Surface, SurfacePoint, TriangleMesh};
 use palpate_files as files;
-use palpate_files::Table;
-use palpate_identify::{Amount, further_points, spread_among, test_points, touchable};
+use palpate_identify::{further_points, spread_among};
 use palpate_simulate::material::{self, Bulk};
 use palpate_simulate::mesh::Boundary;
 use palpate_simulate::mesh::check::check;
 use palpate_simulate::path::tangents;
-use palpate_simulate::{Drag, Model, PointPlan, TetMesh};
-use rayon::prelude::*;
+use palpate_simulate::{Drag, PointPlan, TetMesh};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -170,24 +170,23 @@ pub fn prepare(
         }
         points => (points.clone(), simulation.drag_points),
     };
-    let margin_m = margin(simulation)?;
-    let mut ground = Ground { triangles, open: touchable(&surface, &held, margin_m)?, surface, held };
+    let mut touched = TouchedSurface::new(simulation, triangles, surface, held, path)?;
     if let TestPoints::Count(count) | TestPoints::Adaptive { most: count, .. } = points {
-        let before = ground.vertices();
+        let before = touched.vertices();
         let hold = |surface: &Surface, held: &mut [bool]| {
             simulation.fixed.iter().try_for_each(|support| hold_surface(support, surface, tolerance_m, held))
         };
-        while ground.vertices() < count as usize && ground.edge_m() > NEEDLESS * radius_m {
-            ground = ground.divided(spec, path, margin_m, hold)?;
+        while touched.vertices() < count as usize && touched.edge_m() > NEEDLESS * radius_m {
+            touched = touched.divided(spec, simulation, path, hold)?;
         }
-        if ground.vertices() > before {
+        if touched.vertices() > before {
             notes.push(format!(
                 "there are more test points than nodes that can be touched: triangles are divided by their edges' middles, {before} nodes become {}",
-                ground.vertices()
+                touched.vertices()
             ));
         }
     }
-    let Ground { triangles, surface, held, open } = ground;
+    let TouchedSurface { triangles, surface, held, open } = touched;
     let compliance = rest_compliance(solver.model(), &surface, named, radius_m, cancelled);
     let compliance_prior = compliance_prior(&surface, &compliance);
     go_on("the search for the stiffness at rest")?;
@@ -246,131 +245,8 @@ fn rounds(
     Rounds { most, next: Box::new(next) }
 }
 
-/// So few test points, named by the spec, need no compliance prior between them.
-const UNGUIDED: usize = 3;
-
-/// Places at which the stiffness at rest is found; between them it is interpolated.
-const GUIDED: usize = 600;
-
-/// The body's compliance at rest under a patch as wide as the tool, m/N in its axes, at each of the surface's nodes: what its
-/// responses go with from place to place, and known everywhere for one substitution each. None for few named test points.
-///
-/// Of no use once `cancelled` is true.
-fn rest_compliance(
-    model: &Model,
-    surface: &Surface,
-    points: usize,
-    radius_m: f64,
-    cancelled: &AtomicBool,
-) -> Vec<DMat3> {
-    let positions = surface.positions();
-    if points <= UNGUIDED {
-        return Vec::new();
-    }
-    let (places, of) = sparse(positions, surface.inward_normals());
-    let at = |&n: &u32| {
-        let n = n as usize;
-        if cancelled.load(Relaxed) {
-            return DMat3::IDENTITY;
-        }
-        model.compliance_at(positions[n], surface.inward_normals()[n], radius_m)
-    };
-    let found: Vec<DMat3> = places.par_iter().map(at).collect();
-    let mean = |shares: &Vec<(u32, f64)>| {
-        let parts = shares.iter().map(|(place, share)| found[*place as usize] * *share);
-        parts.fold(DMat3::ZERO, |sum, part| sum + part)
-    };
-    of.iter().map(mean).collect()
-}
-
-/// The stiffness at rest along each node's normal, N/m; 1 where no compliance is known.
-fn compliance_prior(surface: &Surface, compliance: &[DMat3]) -> Vec<f64> {
-    if compliance.is_empty() {
-        return vec![1.0; surface.positions().len()];
-    }
-    let along = compliance.iter().zip(surface.inward_normals()).map(|(s, u)| u.dot(*s * *u));
-    let mut found: Vec<f64> = along.map(|s| if s > 0.0 { 1.0 / s } else { f64::INFINITY }).collect();
-    // What supports carry alone is no stiffer than a hundred times the usual.
-    let mut sorted: Vec<f64> = found.iter().copied().filter(|k| k.is_finite()).collect();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let most = sorted.get(sorted.len() / 4).map_or(1.0, |k| 100.0 * k);
-    found.iter_mut().for_each(|k| *k = k.min(most));
-    found
-}
-
-/// At most [`GUIDED`] nodes spread over the surface, and for each node the shares of those around it.
-fn sparse(positions: &[DVec3], normals: &[DVec3]) -> (Vec<u32>, Vec<Vec<(u32, f64)>>) {
-    let all = positions.len();
-    if all <= GUIDED {
-        return ((0..all as u32).collect(), (0..all as u32).map(|n| vec![(n, 1.0)]).collect());
-    }
-    let low = positions.iter().fold(DVec3::INFINITY, |low, p| low.min(*p));
-    let high = positions.iter().fold(DVec3::NEG_INFINITY, |high, p| high.max(*p));
-    let mut cell = (high - low).length() / (GUIDED as f64).sqrt();
-    let key = |p: DVec3, cell: f64| ((p - low) / cell).floor().to_array().map(|c| c as i64);
-    let places = loop {
-        // The first node of each cell.
-        let mut cells: BTreeMap<[i64; 3], u32> = BTreeMap::new();
-        for (n, p) in positions.iter().enumerate() {
-            cells.entry(key(*p, cell)).or_insert(n as u32);
-        }
-        if cells.len() <= GUIDED {
-            break cells;
-        }
-        cell *= 1.1;
-    };
-    let listed: Vec<u32> = places.values().copied().collect();
-    let index: HashMap<[i64; 3], u32> = places.keys().copied().zip(0..).collect();
-    let shares = positions.iter().zip(normals).map(|(p, normal)| {
-        let [x, y, z] = key(*p, cell);
-        let mut near: Vec<(u32, f64)> = Vec::new();
-        for (dx, dy, dz) in
-            (-1..=1).flat_map(|x| (-1..=1).flat_map(move |y| (-1..=1).map(move |z| (x, y, z))))
-        {
-            let Some(&place) = index.get(&[x + dx, y + dy, z + dz]) else { continue };
-            let other = listed[place as usize] as usize;
-            // Not what lies on the other side of a thin part.
-            if normals[other].dot(*normal) > 0.0 {
-                near.push((place, 1.0 / (p.distance_squared(positions[other]) + 1e-3 * cell * cell)));
-            }
-        }
-        if near.is_empty() {
-            near.push((index[&[x, y, z]], 1.0));
-        }
-        let total: f64 = near.iter().map(|(_, w)| w).sum();
-        near.iter_mut().for_each(|(_, w)| *w /= total);
-        near
-    });
-    let shares = shares.collect();
-    (listed, shares)
-}
-
 fn bits(p: DVec3) -> [u64; 3] {
     p.to_array().map(f64::to_bits)
-}
-
-/// A mesh's nodes that a support holds.
-fn held_nodes(support: &Fixed, mesh: &TetMesh, tolerance_m: f64) -> Result<Vec<u32>> {
-    let place = &support.place;
-    let nodes: Vec<u32> = match &support.selection {
-        Selection::Place(region) => (0..mesh.positions.len() as u32)
-            .filter(|n| region.contains(mesh.positions[*n as usize], tolerance_m))
-            .collect(),
-        Selection::Group(name) => {
-            mesh.groups.get(name).cloned().ok_or_else(|| no_group(place, name, mesh))?
-        }
-        Selection::Nodes(file) => listed(file)?
-            .iter()
-            .map(|p| nearest(p.at, mesh.positions.iter().copied(), tolerance_m).ok_or_else(|| p.far()))
-            .collect::<Result<_>>()?,
-    };
-    if nodes.is_empty() {
-        let (low, high) = extent(mesh.positions.iter());
-        bail!(
-            "{place}: it holds no node of the mesh; the mesh reaches from {low} to {high} mm: move it there"
-        );
-    }
-    Ok(nodes)
 }
 
 /// Puts the boundary's nodes that lie on the touched surface's facets onto the smooth surface, which the body is refined to: of a
@@ -413,140 +289,8 @@ fn smooth_boundary(
     })
 }
 
-/// In parts of the tool's radius: test points nearer to each other than that are told the same.
-const NEEDLESS: f64 = 0.3;
-
-/// What is touched.
-struct Ground {
-    triangles: TriangleMesh,
-    surface: Surface,
-    /// The nodes that are.
-    held: Vec<bool>,
-    /// Those that the tool can come to.
-    open: Vec<bool>,
-}
-
-impl Ground {
-    /// That can be touched.
-    fn vertices(&self) -> usize {
-        one_for_each_vertex(&self.surface, &self.open).len()
-    }
-
-    /// The mean edge of triangles that can be touched, m; 0 if there are none.
-    fn edge_m(&self) -> f64 {
-        let open = self.triangles.triangles.iter().filter(|t| t.iter().all(|&n| self.open[n as usize]));
-        let at = |n: u32| self.triangles.positions[n as usize];
-        let lengths =
-            open.map(|&[a, b, c]| at(a).distance(at(b)) + at(b).distance(at(c)) + at(c).distance(at(a)));
-        let (sum, count) = lengths.fold((0.0, 0.0f64), |(sum, count), length| (sum + length, count + 3.0));
-        sum / count.max(1.0)
-    }
-
-    /// Each triangle as four, with nodes in the middles of edges on the smooth surface after the others. Those are held that lie between two
-    /// that are, or where a support is.
-    fn divided(
-        self,
-        spec: &Spec,
-        path: &Path,
-        margin_m: f64,
-        hold: impl Fn(&Surface, &mut [bool]) -> Result<()>,
-    ) -> Result<Self> {
-        let Ground { triangles: TriangleMesh { mut positions, triangles }, surface, mut held, .. } = self;
-        // A vertex's first node has its number.
-        held.truncate(positions.len());
-        let (mut middles, mut at) = (HashMap::new(), Vec::new());
-        let mut finer = Vec::with_capacity(4 * triangles.len());
-        for (element, [a, b, c]) in (0..).zip(triangles) {
-            let edges = [([b, c], [0.0, 0.5, 0.5]), ([c, a], [0.5, 0.0, 0.5]), ([a, b], [0.5, 0.5, 0.0])];
-            let [bc, ca, ab] = edges.map(|([p, q], n)| {
-                *middles.entry([p.min(q), p.max(q)]).or_insert_with(|| {
-                    at.push(SurfacePoint { element, n });
-                    held.push(held[p as usize] && held[q as usize]);
-                    held.len() as u32 - 1
-                })
-            });
-            finer.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
-        }
-        positions.extend(surface.smooth_points(&at));
-        let triangles = TriangleMesh { positions, triangles: finer };
-        let surface = assemble::surface(spec, &triangles).map_err(|e| e.in_file(path))?;
-        let mut held: Vec<bool> = surface.vertices().iter().map(|&v| held[v as usize]).collect();
-        hold(&surface, &mut held)?;
-        let open = touchable(&surface, &held, margin_m)?;
-        Ok(Ground { triangles, surface, held, open })
-    }
-}
-
-/// Marks the nodes of a surface of its own that a support holds.
-fn hold_surface(support: &Fixed, surface: &Surface, tolerance_m: f64, held: &mut [bool]) -> Result<()> {
-    match &support.selection {
-        Selection::Place(region) => {
-            for (held, p) in held.iter_mut().zip(surface.positions()) {
-                *held |= region.contains(*p, tolerance_m);
-            }
-        }
-        // Surfaces have no groups.
-        Selection::Group(_) => {}
-        Selection::Nodes(file) => {
-            for p in listed(file)? {
-                if let Some(n) = nearest(p.at, surface.positions().iter().copied(), tolerance_m) {
-                    held[n as usize] = true;
-                }
-            }
-        }
-    }
-    Ok(())
-}
-
-fn no_group(place: &str, name: &str, mesh: &TetMesh) -> anyhow::Error {
-    let mut names: Vec<&str> = mesh.groups.keys().map(String::as_str).collect();
-    names.extend(mesh.region_names.iter().map(String::as_str).filter(|n| !n.is_empty()));
-    names.sort_unstable();
-    names.dedup();
-    let hint = match names.len() {
-        0 => "it has none: give half_space or box_mm".to_string(),
-        _ => format!("it has {}", names.join(", ")),
-    };
-    anyhow!("{place}: the mesh has no group `{}`; {hint}", name.escape_debug())
-}
-
-/// A point in a list of nodes.
-struct Listed {
-    at: DVec3,
-    place: String,
-}
-
-impl Listed {
-    fn far(&self) -> anyhow::Error {
-        let p = self.at * 1e3;
-        let place = &self.place;
-        anyhow!(
-            "{place}: no node is at ({:.4}, {:.4}, {:.4}) mm; give nodes of this mesh, in m",
-            p.x,
-            p.y,
-            p.z
-        )
-    }
-}
-
-fn listed(file: &Path) -> Result<Vec<Listed>> {
-    let text = files::read_text(file)?;
-    let table = Table::parse(file, &text, &["x_m", "y_m", "z_m"], &[])?;
-    let row = |row: &palpate_files::Row| Listed {
-        at: DVec3::new(row.values[0], row.values[1], row.values[2]),
-        place: format!("{}:{}", file.display(), row.line),
-    };
-    Ok(table.rows.iter().map(row).collect())
-}
-
-fn nearest(at: DVec3, positions: impl Iterator<Item = DVec3>, within_m: f64) -> Option<u32> {
-    let distances = positions.map(|p| p.distance_squared(at)).enumerate();
-    let (n, d) = distances.min_by(|a, b| a.1.total_cmp(&b.1))?;
-    (d <= within_m * within_m).then_some(n as u32)
-}
-
 /// Least and greatest coordinates, as text in mm.
-fn extent<'a>(positions: impl Iterator<Item = &'a DVec3>) -> (String, String) {
+pub fn extent<'a>(positions: impl Iterator<Item = &'a DVec3>) -> (String, String) {
     let (low, high) =
         positions.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)));
     let text = |p: DVec3| format!("({:.2}, {:.2}, {:.2})", p.x * 1e3, p.y * 1e3, p.z * 1e3);
@@ -619,118 +363,6 @@ fn made_of(given: &Material) -> Result<material::Material> {
         MaterialLaw::VerondaWestmann { c1_pa, c3 } => M::veronda_westmann(*c1_pa, *c3, bulk),
     };
     Ok(made?)
-}
-
-/// How far from what is held the tool stays, m: by its radius and the longest drag, so that it comes over nothing that
-/// can't give way, in no direction.
-///
-/// # Errors
-/// The tool's size is not known.
-pub fn margin(simulation: &Simulation) -> Result<f64> {
-    Ok(super::volume::tool_radius(simulation)? + simulation.deflection.lateral_max_m)
-}
-
-/// The first node of each vertex that can be touched.
-fn one_for_each_vertex(surface: &Surface, touchable: &[bool]) -> Vec<u32> {
-    let mut free: BTreeMap<u32, u32> = BTreeMap::new();
-    for (n, (&v, _)) in surface.vertices().iter().zip(touchable).enumerate().filter(|(_, (_, open))| **open) {
-        free.entry(v).or_insert(n as u32);
-    }
-    let mut nodes: Vec<u32> = free.into_values().collect();
-    nodes.sort_unstable();
-    nodes
-}
-
-/// How many test points three quarters of an hour on two cores are about enough for, and how many of these are dragged, if a press takes so long (s):
-/// a third of the time goes to drags, at `most` of them. Not fewer points than a decoupled law has.
-fn affordable(press_s: f64, most: usize) -> [usize; 2] {
-    const CORE_S: f64 = 5400.0;
-    /// What the drags from a pressed point take, in presses.
-    const DRAGS: f64 = 9.0;
-    /// Terms of third and fourth order want to be known at a few.
-    const LEAST: f64 = 8.0;
-    let presses = CORE_S / press_s;
-    // A float beyond all integers becomes the largest one.
-    let dragged = most.min((presses / (3.0 * DRAGS)).max(LEAST) as usize);
-    [(presses - DRAGS * dragged as f64).clamp(f64::from(COUNT), 1e6) as usize, dragged]
-}
-
-/// The test points' nodes, ascending; or in the spec's order, where it names them.
-fn choose(
-    points: &TestPoints,
-    surface: &Surface,
-    held: &[bool],
-    touchable: &[bool],
-    compliance_prior: &[f64],
-    path: &Path,
-    notes: &mut Vec<String>,
-) -> Result<Vec<u32>> {
-    let free = one_for_each_vertex(surface, touchable);
-    let amount = match points {
-        TestPoints::Count(_) | TestPoints::Adaptive { .. } => {
-            let count = match *points {
-                TestPoints::Adaptive { most, .. } => assemble::first_round(most),
-                TestPoints::Count(count) => count as usize,
-                _ => 0,
-            };
-            if free.len() < count && !free.is_empty() {
-                notes.push(format!("the surface has {} vertices to touch: each is a test point", free.len()));
-            }
-            Amount::Count(count.min(free.len().max(1)))
-        }
-        // What is affordable is a count by now.
-        TestPoints::EveryNode | TestPoints::Affordable => Amount::Count(free.len().max(1)),
-        TestPoints::Spacing(spacing) => Amount::Spacing(*spacing),
-        TestPoints::At(points) => return named_points(points, surface, held, path, notes),
-    };
-    if amount == Amount::Count(free.len()) {
-        return Ok(free);
-    }
-    test_points(surface, touchable, amount, Some(compliance_prior))
-        .map_err(|e| anyhow!("{}: [test_points]: {e}", path.display()))
-}
-
-fn named_points(
-    points: &[DVec3],
-    surface: &Surface,
-    held: &[bool],
-    path: &Path,
-    notes: &mut Vec<String>,
-) -> Result<Vec<u32>> {
-    let (low, high) = surface
-        .positions()
-        .iter()
-        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)));
-    let file = path.display();
-    let mut nodes: Vec<u32> = Vec::new();
-    let mut farthest: f64 = 0.0;
-    for (i, p) in points.iter().enumerate() {
-        let q = *p * 1e3;
-        let place =
-            format!("{file}: [test_points] at_mm, point {i} at ({:.2}, {:.2}, {:.2}) mm", q.x, q.y, q.z);
-        let Some(node) = nearest(*p, surface.positions().iter().copied(), (high - low).length() / 10.0)
-        else {
-            let (low, high) = extent(surface.positions().iter());
-            bail!(
-                "{place}: it is far from the surface, which reaches from {low} to {high} mm; move it there"
-            );
-        };
-        if let Some(other) = nodes.iter().position(|n| *n == node) {
-            bail!("{place}: the surface's nearest node is that of point {other}; remove one of them");
-        }
-        if held[node as usize] {
-            bail!("{place}: the surface is fixed there; move it, or the support");
-        }
-        farthest = farthest.max(surface.positions()[node as usize].distance(*p));
-        nodes.push(node);
-    }
-    if farthest > 1e-6 {
-        notes.push(format!(
-            "test points were moved to the surface's nearest nodes, by up to {:.3} mm",
-            farthest * 1e3
-        ));
-    }
-    Ok(nodes)
 }
 
 /// The load paths at a point: a press and, if it is to be dragged, drags.
@@ -816,87 +448,5 @@ mod tests {
         let there = mesh.positions.clone();
         smooth_boundary(&mut mesh, &boundary, &triangles, &surface, &fixed);
         assert_eq!(mesh.positions, there);
-    }
-
-    fn spec(text: &str) -> (Spec, Simulation) {
-        let path = Path::new("ball.toml");
-        let spec = Spec::parse(path, text.into()).unwrap();
-        let simulation = spec.simulation(path).unwrap();
-        (spec, simulation)
-    }
-
-    /// More test points than nodes lie between them, on the round surface, and nowhere on what is held.
-    #[test]
-    fn test_points_beyond_the_nodes_lie_between_them() {
-        let text = |count: usize| {
-            format!(
-                "body.shape = {{ kind = \"sphere\", radius_mm = 30, edge_length_mm = 16 }}\n\
-                 [[body.fixed]]\nhalf_space = {{ point_mm = [0, 0, -15], normal = [0, 0, -1] }}\n\
-                 [material]\nmodel = \"neo-hookean\"\nyoung_modulus_pa = 10e3\npoisson_ratio = 0.45\n\
-                 [tool]\nshape = \"sphere\"\nradius_mm = 6\n\
-                 [deflection]\nnormal_max_mm = 3\nlateral_max_mm = 2\nsteps = 3\n\
-                 [test_points]\ncount = {count}\n[mesh]\nelement_size_mm = 12\n"
-            )
-        };
-        let prepared = |count: usize| {
-            let (spec, simulation) = spec(&text(count));
-            prepare(&spec, &simulation, Path::new("ball.toml"), &AtomicBool::new(false)).unwrap()
-        };
-        let (few, many) = (prepared(6), prepared(90));
-        let [coarse, fine] = [&few.scene.surface, &many.scene.surface];
-        assert_eq!((few.points.len(), many.points.len()), (6, 90));
-        assert_eq!(fine.triangles.len(), 4 * coarse.triangles.len());
-        assert_eq!(fine.positions.len(), coarse.positions.len() + coarse.triangles.len() * 3 / 2);
-        assert_eq!(fine.positions[..coarse.positions.len()], coarse.positions[..]);
-        assert!(
-            many.scene.notes.iter().any(|n| n.contains("divided"))
-                && few.scene.notes.iter().all(|n| !n.contains("divided"))
-        );
-        for p in &fine.positions {
-            // An edge's middle is 1 mm inside.
-            assert!((p.length() - 30e-3).abs() < 0.2e-3, "{p}");
-        }
-        let mut nodes: Vec<u32> = many.points.iter().map(|p| p.node).collect();
-        nodes.sort_unstable();
-        nodes.dedup();
-        assert_eq!(nodes.len(), 90);
-        assert!(nodes.iter().any(|&n| n as usize >= coarse.positions.len()));
-        for point in &many.points {
-            assert_eq!(point.plan.point, fine.positions[point.node as usize]);
-            assert!(point.plan.point.z > -15e-3 + 5e-3, "{}", point.plan.point);
-        }
-    }
-
-    /// Where a crease passes through a vertex it has nodes on both sides, and all of them are held or none.
-    #[test]
-    fn creases_and_supports_are_divided_too() {
-        let (spec, _) = spec(
-            "[body]\ncrease_angle_deg = 40\nshape = { kind = \"block\", size_mm = [20, 20, 20], edge_length_mm = 10 }\n\
-             [[body.fixed]]\nhalf_space = { point_mm = [0, 0, -10], normal = [0, 0, -1] }\n\
-             [material]\nmodel = \"neo-hookean\"\nyoung_modulus_pa = 10e3\npoisson_ratio = 0.45\n\
-             [tool]\nshape = \"sphere\"\nradius_mm = 6\n[deflection]\nnormal_max_mm = 3\nlateral_max_mm = 2\nsteps = 3\n",
-        );
-        let triangles = match &spec.geometry {
-            Some(Geometry::Shape(shape, resolution)) => shape.mesh(*resolution).unwrap(),
-            _ => unreachable!(),
-        };
-        let surface = assemble::surface(&spec, &triangles).unwrap();
-        assert!(surface.positions().len() > triangles.positions.len());
-        let is_held = |p: &DVec3| p.z < -10e-3 + 1e-9;
-        let held: Vec<bool> = surface.positions().iter().map(is_held).collect();
-        let count = triangles.triangles.len();
-        let open = touchable(&surface, &held, 1e-3).unwrap();
-        let before = Ground { triangles, surface, held, open };
-        let (edge, vertices) = (before.edge_m(), before.vertices());
-        let after = before.divided(&spec, Path::new("block.toml"), 1e-3, |_, _| Ok(())).unwrap();
-        assert_eq!(after.triangles.triangles.len(), 4 * count);
-        assert!(after.vertices() > 3 * vertices, "{} {vertices}", after.vertices());
-        assert!((after.edge_m() / edge - 0.5).abs() < 0.02, "{} {edge}", after.edge_m());
-        assert_eq!(after.held.len(), after.surface.positions().len());
-        for ((p, held), open) in after.surface.positions().iter().zip(&after.held).zip(&after.open) {
-            assert_eq!(*held, is_held(p), "{p}");
-            assert!(p.abs().max_element() < 10e-3 + 1e-9, "flat faces stay flat: {p}");
-            assert!(*open == (p.z > -9e-3 + 1e-9) || p.z < -9e-3 + 1e-6, "{p}");
-        }
     }
 }

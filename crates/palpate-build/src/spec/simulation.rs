@@ -35,6 +35,8 @@ pub struct Simulation {
     pub directions: u32,
     /// Where it is touched.
     pub test_points: TestPoints,
+    /// The part of the surface that is touched at all; None: all of it.
+    pub touched: Option<Place>,
     /// At so many of them it is dragged, too.
     pub drag_points: usize,
     /// What becomes of it.
@@ -203,6 +205,7 @@ struct RawTestPoints {
     every_node: Option<Spanned<bool>>,
     tolerance_percent: Option<Spanned<f64>>,
     drags: Option<Spanned<i64>>,
+    box_mm: Option<Spanned<List<2, List<3>>>>,
 }
 
 #[derive(Deserialize)]
@@ -320,6 +323,8 @@ impl Spec {
         let (depths_m, drag_from) = depths(&source, deflection_table.get_ref(), deflection, law)?;
         let points = raw.test_points.as_ref();
         let test_points = points.map_or_else(|| Ok(by_default(law)), |t| test_points(&source, t, law))?;
+        let touched = points.and_then(|t| t.get_ref().box_mm.as_ref());
+        let touched = touched.map(|corners| box_of(&source, corners)).transpose()?;
         Ok(Simulation {
             material: base(&source, material_table)?,
             regions: regions(&source, material_table.get_ref())?,
@@ -332,6 +337,7 @@ impl Spec {
             directions: directions(&source, deflection_table.get_ref(), law)?,
             drag_points: drag_points(&source, points, law, &test_points)?,
             test_points,
+            touched,
             law,
             mesh: raw.mesh.as_ref().map_or(Ok(MeshSizes::default()), |m| mesh(&source, m.get_ref()))?,
             friction: self.friction.clone(),
@@ -623,7 +629,7 @@ fn test_points(source: &Source, raw: &Spanned<RawTestPoints>, law: Law) -> Resul
     if t.every_node.as_ref().is_some_and(|every| *every.get_ref()) {
         given.push(TestPoints::EveryNode);
     }
-    if given.is_empty() && t.drags.is_some() {
+    if given.is_empty() && (t.drags.is_some() || t.box_mm.is_some()) {
         given.push(by_default(law));
     }
     one_of(source, raw.span(), "[test_points]", "count, spacing_mm, at_mm, every_node", given)

@@ -1,13 +1,14 @@
 //! A body against the spec that it was made from.
 
 use super::{
-    History, Kept, SimulatedSurface, Simulator, Trial, Validation, touchable, validate_at_places_of,
+    History, Kept, SimulatedSurface, Simulator, Trial, Validation, held_nodes, validate_at_places_of,
 };
 use crate::Progress;
 use crate::precompute::Prepared;
 use crate::precompute::assemble::friction;
 use crate::precompute::elements::Elements;
-use crate::precompute::prepare::{inputs_of, margin, point_plan, prepare};
+use crate::precompute::prepare::{inputs_of, point_plan, prepare};
+use crate::precompute::touched::can_be_touched;
 use crate::spec::{self, Simulation, Spec};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
@@ -83,8 +84,9 @@ pub fn validate_against(
     let Prepared { solver, .. } = prepared?;
     let model = solver.model();
     let boundary = &model.boundary().nodes;
-    let held = boundary.iter().map(|&n| (model.mesh().positions[n as usize], model.is_held(n)));
     let places_of = asked.places_of.as_ref().unwrap_or(body);
+    let held = boundary.iter().map(|&n| (model.mesh().positions[n as usize], model.is_held(n)));
+    let held = held_nodes(places_of, held);
     let trial = Trial {
         history: asked.history,
         paths: asked.paths,
@@ -95,7 +97,7 @@ pub fn validate_against(
         steps: asked.steps.unwrap_or(simulation.deflection.steps),
         drag_depths_m: simulation.drag_from.iter().map(|&i| simulation.depths_m[i]).collect(),
         friction: friction(simulation),
-        touchable: touchable(places_of, held, margin(simulation)?)?,
+        touchable: can_be_touched(simulation, &places_of.parts().surface, &held)?,
     };
     let bonded = match simulation.contact {
         spec::Contact::Bonded { patch_radius_m } => Some(Contact::Bonded { patch_radius_m }),

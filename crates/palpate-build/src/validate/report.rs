@@ -155,7 +155,8 @@ impl Validation {
         writeln!(
             out,
             "path,x_m,y_m,z_m,phase,offset_x_m,offset_y_m,offset_z_m,depth_m,distance_m,simulated_x_n,simulated_y_n,\
-             simulated_z_n,rendered_x_n,rendered_y_n,rendered_z_n,pressed_n,slipping,patch_m2,friction"
+             simulated_z_n,rendered_x_n,rendered_y_n,rendered_z_n,pressed_n,slipping,patch_m2,friction,\
+             inward_x,inward_y,inward_z"
         )?;
         for (i, path) in self.paths.iter().enumerate() {
             let ([x, y, z], u) = (path.point_m, DVec3::from_array(path.inward));
@@ -165,7 +166,8 @@ impl Validation {
                 write!(out, "{i},{x:?},{y:?},{z:?},{},{:?},{:?},{:?},", c.phase().name(), o.x, o.y, o.z)?;
                 write!(out, "{:?},{:?},", o.dot(u), o.reject_from(u).length())?;
                 write!(out, "{:?},{:?},{:?},{:?},{:?},{:?},", s.x, s.y, s.z, r.x, r.y, r.z)?;
-                writeln!(out, "{:?},{:?},{:?},{:?}", c.pressed_n, c.slipping, c.patch_m2, c.friction)?;
+                write!(out, "{:?},{:?},{:?},{:?},", c.pressed_n, c.slipping, c.patch_m2, c.friction)?;
+                writeln!(out, "{:?},{:?},{:?}", c.inward.x, c.inward.y, c.inward.z)?;
             }
         }
         Ok(())
