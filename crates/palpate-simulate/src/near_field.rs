@@ -503,4 +503,4 @@ impl Solver<'_> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -82,7 +82,8 @@ pub struct State {
     pub slipping: f64,
     /// Of pressed states: what the wrench gains when the tool moves a little with the contact frozen.
     pub tangent: Option<Box<StuckTangent>>,
-    /// Whether the energy curves downwards somewhere: an equilibrium, but no minimum.
+    /// Whether the energy curves downwards somewhere: an equilibrium, but no minimum. Where a stuck tangent was asked for the stiffness
+    /// was factored to know; elsewhere `false` says only that no solve met such a direction.
     pub indefinite: bool,
     /// Displacement of each node of the mesh's boundary, in the order of [`crate::mesh::Boundary::nodes`], m.
     pub displacement_m: Vec<[f32; 3]>,
@@ -91,7 +92,8 @@ pub struct State {
 }
 
 /// Rows: force (x, y, z) and torque about the tip, on the body. Columns: translation, and rotation about the tip (its
-/// vector in radians). In the body's axes; N/m, N, N m. Symmetric, as the Hessian of an energy is.
+/// vector in radians). In the body's axes; N/m, N, N m. Symmetric, as the Hessian of an energy is: what the torque τ about fixed axes
+/// gains for a turn about the axis e has ½ e × τ besides, as a rotation vector's axes turn along by half.
 pub type StuckTangent = [[f64; 6]; 6];
 
 /// Any path of the tool, touching or not, with Coulomb friction.
@@ -104,14 +106,15 @@ pub struct FreePlan {
     /// Each is a state of the result.
     pub poses: Vec<FreePose>,
     /// Coefficient over depth (m), linear between the rows and constant beyond them; none is no friction. Depth is that of
-    /// the pose, along `inward`.
+    /// the pose, along `inward` from first touch, not the body's local one; its coefficient holds on all of the way to it from the
+    /// pose before.
     pub friction: Vec<(f64, f64)>,
 }
 
 /// Where the tool goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FreePose {
-    /// Of the tip, from where the tool first touches when it comes along `inward` through the point, m.
+    /// Of the tip, from where the tool first touches when it comes along `inward` through the point in the first pose's orientation, m.
     pub offset: DVec3,
     /// From the orientation in which it points along `inward`.
     pub rotation: DQuat,

@@ -83,7 +83,7 @@ impl Model {
             Contact::Sticking | Contact::Frictionless => {
                 let sticking = contact == Contact::Sticking;
                 let friction = if sticking { Friction::Sticking } else { Friction::None };
-                match self.touching(tool, surface, plan.inward, friction) {
+                match self.touching(tool, surface, plan.inward, DQuat::IDENTITY, friction) {
                     Ok(walker) => walker,
                     Err(stop) => return Some((plan.stopped(stop), Counts::default())),
                 }
@@ -113,17 +113,15 @@ impl Model {
     ) -> Option<(Path, Counts)> {
         let mut path = Path::default();
         let surface = self.entry(plan.point, plan.inward);
-        let mut walker = match self.touching(tool, surface, plan.inward, Friction::None) {
+        // It comes from outside, in its first orientation.
+        let first = plan.poses.first().map_or(DQuat::IDENTITY, |pose| pose.rotation);
+        let mut walker = match self.touching(tool, surface, plan.inward, first, Friction::None) {
             Ok(walker) => walker,
             Err(stop) => {
                 path.stopped = Some(stop);
                 return Some((path, Counts::default()));
             }
         };
-        // It comes from outside, in its first orientation.
-        if let Some(first) = plan.poses.first() {
-            walker.at.rotation = first.rotation;
-        }
         for pose in &plan.poses {
             let depth = pose.offset.dot(plan.inward);
             let target = Target {
@@ -176,15 +174,18 @@ impl Model {
         LoadStepper::new(solver, Load::Held(unknowns), Placement::pressing(tip, DVec3::Z), Friction::None)
     }
 
-    /// A tool where it first touches, coming along `inward` through `surface`, where its tip ends at most.
+    /// A tool where it first touches, coming along `inward` through `surface`, where its tip ends at most; `rotation` turns it from
+    /// the orientation in which it points along `inward`.
     fn touching<'t>(
         &self,
         tool: &'t RigidTool,
         surface: DVec3,
         inward: DVec3,
+        rotation: DQuat,
         friction: Friction,
     ) -> Result<LoadStepper<'_, 't>, Stop> {
-        let mut contact = ToolContact::new(self, tool, Placement::pressing(surface, inward));
+        let turned = Placement::pressing(surface, inward).moved(DVec3::ZERO, rotation);
+        let mut contact = ToolContact::new(self, tool, turned);
         let solver = Solver::new(self, self.held.clone());
         let (low, high) = extent(&self.rest);
         let resolution = 1e-9 * (high - low).length();
@@ -192,7 +193,7 @@ impl Model {
             contact.placement.tip = surface - inward * back;
             contact.overlap(self, &solver.u) > resolution
         };
-        // Around a tip in a hollow the sides touch first.
+        // Around a tip in a hollow the sides touch first, and of a turned tool its side may.
         let (mut inside, mut free) = (0.0, 0.0);
         if overlaps(0.0) {
             free = 1e-3 * (high - low).length();
@@ -209,8 +210,10 @@ impl Model {
             }
         }
         let start = Placement::pressing(surface - inward * free, inward);
-        contact.placement = start;
-        Ok(LoadStepper::new(solver, Load::Tool(Box::new(contact)), start, friction))
+        let mut walker = LoadStepper::new(solver, Load::Tool(Box::new(contact)), start, friction);
+        walker.at.rotation = rotation;
+        walker.place(walker.at);
+        Ok(walker)
     }
 
     /// Where the line along `inward` through a point enters the mesh: nearest to the point, or the point itself where the
@@ -588,6 +591,10 @@ impl<'m, 't> LoadStepper<'m, 't> {
         let longest = 1.0 / self.pieces(target);
         let mut step = longest;
         let before = self.solver.counts;
+        // What was caught while there was friction is held no longer.
+        if let (Load::Tool(contact), Friction::None) = (&mut self.load, self.friction) {
+            contact.unstick();
+        }
         while done < 1.0 {
             let next = if done + step > 1.0 - 1e-9 { 1.0 } else { done + step };
             let whole = step < 1.5 * longest / f64::from(1u32 << NEAR_FIELD_CUTS);
@@ -887,3 +894,6 @@ fn lagrange(nodes: impl Iterator<Item = f64>, t: f64) -> Vec<f64> {
     };
     (0..nodes.len()).map(weight).collect()
 }
+
+#[cfg(test)]
+mod tests;

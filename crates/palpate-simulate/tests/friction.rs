@@ -11,7 +11,7 @@ use palpate_simulate::{
     Contact, Drag, FreePlan, FreePose, Material, Model, Path, PointPaths, PointPlan, RigidTool, StuckTangent,
 };
 use std::sync::atomic::AtomicBool;
-use support::hold;
+use support::{hold, kuhn_grid};
 
 const YOUNG_PA: f64 = 1e4;
 const RADIUS_M: f64 = 0.1;
@@ -40,6 +40,17 @@ fn half_space(poisson: f64) -> Model {
     Model::new(mesh, vec![Material::linear(YOUNG_PA, poisson).unwrap()], &fixed).unwrap()
 }
 
+/// The half of a block that is cut along y = 0: planes so many m times `half` from the middle of its top, and times `z` below.
+fn half_block(unit_m: f64, half: &[f64], z: &[f64], material: Material) -> Model {
+    let x: Vec<f64> = half.iter().skip(1).rev().map(|x| -x).chain(half.iter().copied()).collect();
+    let z: Vec<f64> = z.iter().rev().map(|z| -z).collect();
+    let low = unit_m * z[0] * (1.0 - 1e-9);
+    let mesh = kuhn_grid([x, half.to_vec(), z].map(|p| p.iter().map(|p| unit_m * p).collect()));
+    println!("{} nodes", mesh.positions.len());
+    let fixed = hold(&mesh, |p| [p.z < low, p.z < low || p.y < 1e-9 * unit_m, p.z < low]);
+    Model::new(mesh, vec![material], &fixed).unwrap()
+}
+
 fn pressed(model: &Model, contact: Contact, depths: &[f64], drags: Vec<Drag>) -> PointPaths {
     let plan = PointPlan { point: DVec3::ZERO, inward: DVec3::NEG_Z, depths: depths.to_vec(), drags };
     let tool = RigidTool::Sphere { radius_m: RADIUS_M };
@@ -47,9 +58,14 @@ fn pressed(model: &Model, contact: Contact, depths: &[f64], drags: Vec<Drag>) ->
 }
 
 fn led(model: &Model, friction: f64, offsets: &[DVec3]) -> Path {
+    led_with(model, RADIUS_M, &[(0.0, friction)], offsets)
+}
+
+/// With a coefficient over depth (m).
+fn led_with(model: &Model, radius_m: f64, friction: &[(f64, f64)], offsets: &[DVec3]) -> Path {
     let poses = offsets.iter().map(|&offset| FreePose { offset, rotation: DQuat::IDENTITY }).collect();
-    let plan = FreePlan { point: DVec3::ZERO, inward: DVec3::NEG_Z, poses, friction: vec![(0.0, friction)] };
-    let tool = RigidTool::Sphere { radius_m: RADIUS_M };
+    let plan = FreePlan { point: DVec3::ZERO, inward: DVec3::NEG_Z, poses, friction: friction.to_vec() };
+    let tool = RigidTool::Sphere { radius_m };
     let path = model.follow(&tool, &plan, &AtomicBool::new(false)).unwrap();
     assert_eq!(path.stopped, None);
     path
@@ -180,6 +196,102 @@ fn a_sliding_loop_dissipates() {
     assert!(work > largest * 0.2 * DEPTH_M, "{work} J");
 }
 
+/// Where all slips the force along the tool is μ times that across, with μ of the depth at hand: between the table's rows, at
+/// them, beyond the last, and none where μ is none, though it stuck before.
+#[test]
+fn friction_follows_its_table_over_depth() {
+    const TABLE: [(f64, f64); 2] = [(0.6 * DEPTH_M, 0.1), (0.9 * DEPTH_M, 0.25)];
+    let unit = (RADIUS_M * DEPTH_M).sqrt();
+    let (half, z) = ([0.0, 0.4, 0.8, 1.2, 3.0, 8.0], [0.0, 0.4, 1.2, 3.0, 8.0]);
+    let model = half_block(unit, &half, &z, Material::linear(YOUNG_PA, UNSTRAINED).unwrap());
+    // Down and along: far enough from state to state that all slips again.
+    let depths = [0.3, 0.6, 0.7, 0.8, 0.9, 1.0, 0.75];
+    let way = |steps: &[f64]| -> Vec<DVec3> {
+        let along = |k: usize| DVec3::X * (0.5 * DEPTH_M * k as f64);
+        steps.iter().enumerate().map(|(k, depth)| along(k) + DVec3::NEG_Z * (depth * DEPTH_M)).collect()
+    };
+    let path = led_with(&model, RADIUS_M, &TABLE, &way(&depths));
+    for (state, depth) in path.states.iter().zip(depths).skip(1) {
+        let expected = (0.1 + (depth - 0.6) * 0.5).clamp(0.1, 0.25);
+        let found = state.force_n.x / state.pressed_n;
+        println!("{depth} d: {found:.4}, table {expected:.4}; {:.3} slips", state.slipping);
+        assert!(state.slipping > 0.99 && (found / expected - 1.0).abs() < 0.02, "{found}, not {expected}");
+    }
+    // The sphere leans on what it has pushed up, by far less than friction.
+    let none = led_with(
+        &model,
+        RADIUS_M,
+        &[(0.8 * DEPTH_M, 0.25), (0.9 * DEPTH_M, 0.0)],
+        &way(&[0.5, 0.8, 0.9, 1.0]),
+    );
+    let share: Vec<f64> = none.states.iter().map(|s| s.force_n.x / s.pressed_n).collect();
+    println!("{share:?}");
+    assert!((share[1] / 0.25 - 1.0).abs() < 0.02 && share[2..].iter().all(|s| s.abs() < 1e-3), "{share:?}");
+}
+
+/// Of a whole path, pressed in, dragged until all slips, and back beyond where it slips again: load steps half as long change no
+/// force by 0.5 % of the largest, the patch by less than 2 %, and what slips while it is dragged by less than
+/// 3 % of the pressures.
+#[test]
+fn halving_all_load_steps_changes_little() {
+    const RADIUS_M: f64 = 0.01;
+    /// The longest load step, as simulate.rs has it; the path's legs are two such.
+    const STEP_M: f64 = 0.02 * RADIUS_M;
+    let (half, z) = ([0.0, 1.2, 2.4, 3.6, 6.0, 12.0], [0.0, 1.2, 3.0, 6.0, 12.0]);
+    let material = Material::isochoric_neo_hookean(YOUNG_PA, 0.45).unwrap();
+    let model = half_block(1e-3, &half, &z, material);
+    let turns = [(0.0, 0.0), (0.0, 4.0), (4.0, 4.0), (-2.0, 4.0)];
+    let offset = |(x, depth): (f64, f64)| DVec3::new(x, 0.0, -depth) * STEP_M;
+    // Each leg in `parts` of a load step's length.
+    let way = |parts: f64| -> Vec<DVec3> {
+        let leg = |ends: &[(f64, f64)]| -> Vec<DVec3> {
+            let (from, to) = (offset(ends[0]), offset(ends[1]));
+            let count = (from.distance(to) / (parts * STEP_M)).round() as u32;
+            (1..=count).map(|k| from.lerp(to, f64::from(k) / f64::from(count))).collect()
+        };
+        turns.windows(2).flat_map(leg).collect()
+    };
+    let friction = [(0.0, 0.25)];
+    let [whole, halves] = [2.0, 0.5].map(|parts| {
+        let start = std::time::Instant::now();
+        let path = led_with(&model, RADIUS_M, &friction, &way(parts));
+        println!("{} states, {:.1} s", path.states.len(), start.elapsed().as_secs_f64());
+        path.states
+    });
+    assert_eq!(4 * whole.len(), halves.len());
+    let largest = whole.iter().map(|s| s.force_n.length()).fold(0.0, f64::max);
+    let pressed = whole.iter().map(|s| s.pressed_n).fold(0.0, f64::max);
+    let ([mut force, mut patch], mut slipping) = ([0.0f64; 2], [0.0f64; 2]);
+    for (a, b) in whole.iter().zip(halves.iter().skip(3).step_by(4)) {
+        assert!((a.depth_m - b.depth_m).abs() < 1e-12 && (a.distance_m - b.distance_m).abs() < 1e-12);
+        let differs = 100.0 * a.force_n.distance(b.force_n) / largest;
+        println!(
+            "{:.2} mm deep, {:.2} mm along: {:.5} N, {differs:.3} % of the largest; patch {:.2}, {:.2} mm²; slips {:.3}, {:.3}",
+            1e3 * a.depth_m,
+            1e3 * a.distance_m,
+            a.force_n,
+            1e6 * a.patch_m2,
+            1e6 * b.patch_m2,
+            a.slipping,
+            b.slipping
+        );
+        force = force.max(differs);
+        patch = patch.max(100.0 * (a.patch_m2 / b.patch_m2 - 1.0).abs());
+        let slips = 100.0 * (a.slipping * a.pressed_n - b.slipping * b.pressed_n).abs() / pressed;
+        let of = &mut slipping[usize::from(a.distance_m == 0.0)];
+        *of = of.max(slips);
+    }
+    println!(
+        "at most {force:.3} % of force, {patch:.2} % of the patch, {slipping:.2?} % of the pressures slip or stick otherwise, dragged and pressed"
+    );
+    // It did slip, on both ways, and stick in between.
+    let slips = |k: usize| whole[k].slipping;
+    assert!(slips(3) > 0.99 && slips(4) < 0.8 && slips(6) > 0.99);
+    assert!(force < 0.5 && patch < 2.0);
+    // While it is pressed only, points at the rim are just at their limit: more of them count otherwise than the forces show.
+    assert!(slipping[0] < 3.0 && slipping[1] < 8.0);
+}
+
 /// What halving the load steps changes is told: of a press, of one drag of a place, and of every tenth state of a free path; and the
 /// path goes on as if nobody had asked.
 #[test]
@@ -214,7 +326,7 @@ fn paths_tell_what_halving_their_load_steps_changes() {
     }
 }
 
-/// Drawn back and pressed in again the contact is another, and without contact there is no force; overlap at rest is backed off.
+/// Before first touch, and drawn back out of the body, there is neither force nor patch; pressed in again the force is what it was.
 #[test]
 fn contact_is_lost_and_found() {
     let model = half_space(POISSON);

@@ -6,7 +6,7 @@ use crate::model::Fixed;
 use crate::tool::{Placement, RigidTool};
 
 /// A block of 40 × 30 × 20 mm on its support.
-fn block() -> Model {
+pub(crate) fn block() -> Model {
     let cells = [8, 6, 4];
     let index = |at: [usize; 3]| ((at[0] * (cells[1] + 1) + at[1]) * (cells[2] + 1) + at[2]) as u32;
     let (mut positions, mut tetrahedra) = (Vec::new(), Vec::new());
