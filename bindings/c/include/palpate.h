@@ -465,7 +465,8 @@ typedef struct palpate_ledger {
     double relaxed_j;
 } palpate_ledger;
 
-// One sample of what a device renders, in the body's frame.
+// One sample of what a device renders, in the body's frame. Of two contact points (partial slip) forces and energies are the mean,
+// and what is said of the contact point and its deflections is of the one that holds longer, or else of the one that touches.
 typedef struct palpate_output {
     // Size of this struct, bytes.
     uint32_t struct_size;
@@ -503,7 +504,8 @@ typedef struct palpate_counters {
     uint64_t onsets;
     // Steps with slip.
     uint64_t slips;
-    // Evaluations of the force law beyond the first of a step.
+    // Evaluations of the force law beyond the first of a step; with the crossings at most 512 a step and contact point, of which
+    // partial slip has two.
     uint64_t evaluations;
     // Edges crossed.
     uint64_t crossings;
@@ -1069,9 +1071,11 @@ palpate_status palpate_contact_set_slip_rule(struct palpate_contact contact, uin
 // Real-time: O(1), as `palpate_contact_step`.
 palpate_status palpate_contact_set_tank(struct palpate_contact contact, uint32_t tank);
 
-// Two contact points side by side (`partial_slip` 1), as partial slip wants them, or one (0).
+// Two contact points side by side (`partial_slip` 1), as partial slip wants them, or one (0). Switch it in free space: in touch, of
+// two the one that holds longer stays, or else the one that touches, and force and ledger may step to its own.
 // Real-time: O(1), as `palpate_contact_step`.
-palpate_status palpate_contact_set_partial_slip(struct palpate_contact contact, uint32_t partial_slip);
+palpate_status palpate_contact_set_partial_slip(struct palpate_contact contact,
+                                                uint32_t partial_slip);
 
 // Energies since the contact was made, J. Real-time: O(1), as `palpate_contact_step`.
 palpate_status palpate_contact_ledger(struct palpate_contact contact, struct palpate_ledger *ledger);

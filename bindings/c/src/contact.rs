@@ -83,7 +83,8 @@ pub struct palpate_ledger {
     pub relaxed_j: f64,
 }
 
-/// One sample of what a device renders, in the body's frame.
+/// One sample of what a device renders, in the body's frame. Of two contact points (partial slip) forces and energies are the mean,
+/// and what is said of the contact point and its deflections is of the one that holds longer, or else of the one that touches.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct palpate_output {
@@ -125,7 +126,8 @@ pub struct palpate_counters {
     pub onsets: u64,
     /// Steps with slip.
     pub slips: u64,
-    /// Evaluations of the force law beyond the first of a step.
+    /// Evaluations of the force law beyond the first of a step; with the crossings at most 512 a step and contact point, of which
+    /// partial slip has two.
     pub evaluations: u64,
     /// Edges crossed.
     pub crossings: u64,
@@ -389,7 +391,8 @@ pub extern "C" fn palpate_contact_set_tank(contact: palpate_contact, tank: u32) 
     })
 }
 
-/// Two contact points side by side (`partial_slip` 1), as partial slip wants them, or one (0).
+/// Two contact points side by side (`partial_slip` 1), as partial slip wants them, or one (0). Switch it in free space: in touch, of
+/// two the one that holds longer stays, or else the one that touches, and force and ledger may step to its own.
 /// Real-time: O(1), as `palpate_contact_step`.
 #[unsafe(no_mangle)]
 pub extern "C" fn palpate_contact_set_partial_slip(

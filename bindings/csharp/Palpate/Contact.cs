@@ -165,7 +165,7 @@ namespace Palpate
         /// <summary>Whether slip is kept from giving out more energy than it has dissipated before.</summary>
         public void SetTank(bool tank) { Native.Check(Native.palpate_contact_set_tank(Handle, tank ? 1u : 0u)); }
 
-        /// <summary>Whether there are two contact points side by side, as partial slip wants them, or one.</summary>
+        /// <summary>Whether there are two contact points side by side, as partial slip wants them, or one. Switch it in free space: in touch force and ledger may step.</summary>
         public void SetPartialSlip(bool partialSlip) { Native.Check(Native.palpate_contact_set_partial_slip(Handle, partialSlip ? 1u : 0u)); }
 
         /// <summary>Closes it.</summary>

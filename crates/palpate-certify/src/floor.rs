@@ -152,7 +152,12 @@ fn noted(mut parts: BodyParts, raised: &Raised) -> BodyParts {
         raised.test_points, raised.largest_rise
     );
     parts.provenance.notes.push(note);
-    // It is the floor of this rule, of a contact that slips as a whole.
+    // It is the floor of this rule, of a contact that slips as a whole: two contact points would each need the floor for a friction of
+    // its own, the second at 5/8 of the body's, and what is raised for that lets the first slip at states that need more.
+    if parts.partial_slip {
+        let note = "partial slip was switched off: the floor of passivity is that of one contact point";
+        parts.provenance.notes.push(note.to_owned());
+    }
     (parts.slip, parts.partial_slip) = (SlipRule::Paper, false);
     parts
 }

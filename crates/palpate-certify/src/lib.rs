@@ -200,6 +200,8 @@ pub struct Place {
     pub lateral_m: f64,
     /// The way of the slip, a unit vector.
     pub direction: [f64; 3],
+    /// The friction that it is of, in parts of the body's: 1, or that of one of two contact points, times what was assumed.
+    pub friction_factor: f64,
 }
 
 impl Place {
@@ -212,6 +214,7 @@ impl Place {
             depth_m: cell.depth_m[0],
             lateral_m: state.lateral.length(),
             direction: state.along.to_array(),
+            friction_factor: assumptions.friction_factor,
         })
     }
 }
@@ -341,8 +344,8 @@ pub struct Scope {
 }
 
 /// What keeps a body passive of which P is not proved.
-const TANK: &str = "with the tank, which the body has, no motion gets back more than it put in, whatever of P is proved: where P \
-                    fails slip waits";
+const TANK: &str = "with the tank, which the body has, no motion gets back more than it put in, whatever of P is proved, but for a \
+                    contact that begins anew (reanchored): where P fails slip waits";
 
 /// What of `exact` is no matter of bounds.
 const EXACT: &str = "exact slips down the energy's own slope and never up, whatever the body: passive by construction. Its drive \

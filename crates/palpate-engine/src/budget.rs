@@ -1,8 +1,8 @@
 //! The budget of a step.
 
-/// The evaluations of the force law and the looks at elements that are left to a step.
+/// The evaluations of the force law and the looks at elements that are left to a contact point's step.
 ///
-/// One for all that a step does: slip searches, the start directions that they try around a vertex, their derivatives,
+/// One for all that the step does: slip searches, the start directions that they try around a vertex, their derivatives,
 /// the first settling of a sphere's contact point, and every place that is tried after a release.
 #[derive(Debug)]
 pub(crate) struct Budget {
@@ -14,12 +14,22 @@ pub(crate) struct Budget {
 }
 
 impl Budget {
-    /// Evaluations and crossings that a step makes at most, together, besides the evaluation with which every step in contact
-    /// begins. One look around a vertex may take 256 of them, a step on a smooth body takes some four.
+    /// Evaluations and crossings that a contact point's step makes at most, together, besides the evaluation with which every step
+    /// in contact begins; with two contact points (partial slip) each has as many. One look around a vertex may take 256 of them, a
+    /// step on a smooth body takes some four.
     pub const STEP: u32 = 512;
 
-    /// What a search that has to stop may still take, to read the law where it left the contact point.
-    const CLOSING: u32 = 8;
+    /// What is read of the law after the rest is spent, to leave the contact point where the law is known. At most, one after the
+    /// other:
+    ///
+    /// - 5 by the search in which it is spent: the last iterate of Newton's method, the way back and the slope of its second
+    ///   try, the slope of the bracket and the way back to its lower end;
+    /// - 1 where the tank holds that back;
+    /// - 3 after a wait at a patch's boundary: where the point was, where it goes, and where the tank holds it;
+    /// - 5 after a contact that ended there: one for each place that is tried.
+    ///
+    /// A search that begins on a spent budget reads nothing.
+    pub(crate) const CLOSING: u32 = 14;
 
     #[inline(always)]
     pub fn new(step: u32) -> Self {

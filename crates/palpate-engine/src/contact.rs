@@ -7,7 +7,7 @@ use crate::flags::Flags;
 use crate::force_law::ForceLaw;
 use crate::kernel::{Ablation, Setting};
 use crate::output::{Counters, Ledger, Output, ToolState};
-use crate::point_contact::{Effort, PointContact};
+use crate::point_contact::{Effort, Kept, PointContact};
 use palpate_body::{Body, ContactModel, SlipRule, SurfacePoint};
 
 /// The friction of two contact points side by side, in parts of the body's, each with half of the force: together they follow Mindlin's partial
@@ -16,6 +16,9 @@ use palpate_body::{Body, ContactModel, SlipRule, SurfacePoint};
 /// Of what slips at x, −d²(f_t/L)/dx² ∝ (1 − x)^−½ is the density. A share q of it slips at x = 1 − q² or later, and slips there alone
 /// at 1.5 x times its part of the limit: in the mean over q < ½ this is 11/8, over q > ½ 5/8.
 pub const PARTIAL_SLIP: [f64; 2] = [11.0 / 8.0, 5.0 / 8.0];
+
+/// What one of two contact points does not do alone.
+const AS_A_WHOLE: Flags = Flags::of_two(Flags::BORDER, Flags::STARTED_INSIDE);
 
 /// All that evolves while one tool touches one body: fixed in size, without a pointer to the body.
 ///
@@ -27,7 +30,9 @@ pub const PARTIAL_SLIP: [f64; 2] = [11.0 / 8.0, 5.0 / 8.0];
 /// Under a ball friction gives way ring by ring, from the rim inwards (Mindlin 1949). Where the body asks for it, the contact
 /// is two contact points side by side that hold half of the force each, one by 11/8, one by 5/8 of the friction: the force is
 /// their mean, and so are the energies. Either is a contact of its own, with a tank of its own, so that all that holds for
-/// one holds for the mean. [`Output::contact`] and [`Contact::touching`] tell the one that holds longer, as the middle of the ball does.
+/// one holds for the mean. But the surface's border ends both in the step in which it ends one, and as long as the tool counts as
+/// inside for one it does for both. [`Output::contact`] and [`Contact::touching`] tell the one that holds longer, as the middle of the
+/// ball does, or else the one that touches.
 #[derive(Debug, Clone)]
 pub struct Contact {
     /// Of the body it is for.
@@ -86,12 +91,19 @@ impl Contact {
         first.has_tank()
     }
 
-    /// The same with two contact points side by side, or with one. In touch, both begin where the one is; and of two, the one that holds
-    /// longer stays.
+    /// The same with two contact points side by side, or with one. Switch it in free space: in touch, both begin where the one is, and of
+    /// two the one that holds longer stays, or else the one that touches; force and energies may step to those of the one that
+    /// stays, since it was half of the contact.
     pub fn with_partial_slip(mut self, partial_slip: bool) -> Self {
+        let [first, second] = &mut self.points;
         if partial_slip && !self.partial_slip {
-            let [first, second] = &mut self.points;
             second.clone_from(first);
+        } else if self.partial_slip
+            && !partial_slip
+            && first.touching().is_none()
+            && second.touching().is_some()
+        {
+            first.clone_from(second);
         }
         self.partial_slip = partial_slip;
         self.set_friction_scale(self.friction_scale);
@@ -188,26 +200,76 @@ impl Contact {
     /// Bounded ([`Counters::evaluations`]); never allocates, locks, logs, reads a clock or a file, or panics. In free space it
     /// costs a distance comparison until the tool has used up the clearance that the last query found.
     pub fn step(&mut self, body: &ContactModel, tool: &ToolState, dt_s: f64) -> Output {
+        self.step_of(body, tool, dt_s, true)
+    }
+
+    /// The same on a part of a body that knows all that a tool at a place that it `knows` may touch. What touches takes its step
+    /// anywhere: at the part's end the contact point waits. What is free must be where the body is known, and must have been there the
+    /// step before: the way between is then known too. What came from elsewhere is forgotten, and inside the body feels nothing
+    /// until it has left it. Of two contact points the free one waits beside the one that touches; `None` where both, or the only
+    /// one, must.
+    ///
+    /// # Real-time
+    /// As [`Contact::step`], and up to three times `knows`.
+    pub fn step_where(
+        &mut self,
+        body: &ContactModel,
+        tool: &ToolState,
+        dt_s: f64,
+        knows: impl Fn([f64; 3]) -> bool,
+    ) -> Option<Output> {
+        if self.points().iter().all(|point| point.touching().is_some()) {
+            return Some(self.step(body, tool, dt_s));
+        }
+        // NaN and infinity are the step's to refuse.
+        if !knows(tool.position_m) && tool.position_m.iter().all(|x| x.is_finite()) {
+            return self.touching().is_some().then(|| self.step_in_touch(body, tool, dt_s));
+        }
+        let count = self.points().len();
+        for point in self.points.iter_mut().take(count).filter(|point| point.touching().is_none()) {
+            if point.last_position().is_some_and(|from| !knows(from.to_array())) {
+                point.forget();
+            }
+        }
+        Some(self.step(body, tool, dt_s))
+    }
+
+    /// A step of what touches alone.
+    #[cold]
+    #[inline(never)]
+    fn step_in_touch(&mut self, body: &ContactModel, tool: &ToolState, dt_s: f64) -> Output {
+        self.step_of(body, tool, dt_s, false)
+    }
+
+    /// A step, of contact points that don't touch only if the `free` ones take one.
+    #[inline(always)]
+    fn step_of(&mut self, body: &ContactModel, tool: &ToolState, dt_s: f64, free: bool) -> Output {
         if body.is_coupled() {
             return match self.rule {
-                SlipRule::Consistent => self.step_as::<Coupled, Consistent>(body, tool, dt_s),
-                SlipRule::Exact => self.step_as::<Coupled, Exact>(body, tool, dt_s),
-                _ => self.step_as::<Coupled, Paper>(body, tool, dt_s),
+                SlipRule::Consistent => self.step_as::<Coupled, Consistent>(body, tool, dt_s, free),
+                SlipRule::Exact => self.step_as::<Coupled, Exact>(body, tool, dt_s, free),
+                _ => self.step_as::<Coupled, Paper>(body, tool, dt_s, free),
             };
         }
         match (self.rule, body.is_isotropic()) {
-            (SlipRule::Consistent, true) => self.step_as::<Isotropic, Consistent>(body, tool, dt_s),
-            (SlipRule::Consistent, false) => self.step_as::<Anisotropic, Consistent>(body, tool, dt_s),
-            (SlipRule::Exact, true) => self.step_as::<Isotropic, Exact>(body, tool, dt_s),
-            (SlipRule::Exact, false) => self.step_as::<Anisotropic, Exact>(body, tool, dt_s),
-            (_, true) => self.step_as::<Isotropic, Paper>(body, tool, dt_s),
-            (_, false) => self.step_as::<Anisotropic, Paper>(body, tool, dt_s),
+            (SlipRule::Consistent, true) => self.step_as::<Isotropic, Consistent>(body, tool, dt_s, free),
+            (SlipRule::Consistent, false) => self.step_as::<Anisotropic, Consistent>(body, tool, dt_s, free),
+            (SlipRule::Exact, true) => self.step_as::<Isotropic, Exact>(body, tool, dt_s, free),
+            (SlipRule::Exact, false) => self.step_as::<Anisotropic, Exact>(body, tool, dt_s, free),
+            (_, true) => self.step_as::<Isotropic, Paper>(body, tool, dt_s, free),
+            (_, false) => self.step_as::<Anisotropic, Paper>(body, tool, dt_s, free),
         }
     }
 
     /// Apart from the choice between them, which is a jump.
     #[inline(never)]
-    fn step_as<L: ForceLaw, R: Rule>(&mut self, body: &ContactModel, tool: &ToolState, dt_s: f64) -> Output {
+    fn step_as<L: ForceLaw, R: Rule>(
+        &mut self,
+        body: &ContactModel,
+        tool: &ToolState,
+        dt_s: f64,
+        free: bool,
+    ) -> Output {
         self.counters.steps += 1;
         let mut flags = Flags::default();
         if !(0.0..f64::INFINITY).contains(&dt_s) {
@@ -221,19 +283,52 @@ impl Contact {
             return Output { flags, energy: self.energy(), ..Output::default() };
         };
         let mut effort = Effort::default();
-        let touched = self.partial_slip && self.touching().is_some();
         let [first, second] = &mut self.points;
-        let mut output = first.step::<L, R>(body, tool_position, flags, &mut effort);
-        if self.partial_slip {
-            let beside = second.step::<L, R>(body, tool_position, flags, &mut effort);
-            output = output.mean(&beside, touched);
-        }
+        let output = if self.partial_slip {
+            let mut step = |point: &mut PointContact| {
+                if free || point.touching().is_some() {
+                    point.step::<L, R>(body, tool_position, flags, &mut effort)
+                } else {
+                    point.untouched(flags)
+                }
+            };
+            let before = [first.kept_if_free(), second.kept_if_free()];
+            let (one, other) = (step(first), step(second));
+            let touched = before.map(|kept| kept.is_none());
+            if (one.flags | other.flags).has(AS_A_WHOLE) {
+                self.end_as_a_whole(before, [one, other])
+            } else {
+                one.mean(&other, touched)
+            }
+        } else {
+            first.step::<L, R>(body, tool_position, flags, &mut effort)
+        };
         self.counters.count(output.flags);
         self.counters.take(effort);
         if !R::is_ready(body) {
             self.counters.without_gradients += u64::from(output.flags.has(Flags::IN_CONTACT));
         }
         output
+    }
+
+    /// One of two contact points went over the border, or is inside, in a step that ended with these `outputs`: the other one goes
+    /// with it, whatever it found. `before` is what it was like if it did not touch.
+    #[cold]
+    #[inline(never)]
+    fn end_as_a_whole(&mut self, before: [Option<Kept>; 2], outputs: [Output; 2]) -> Output {
+        let [first, second] = &mut self.points;
+        let [kept_first, kept_second] = before;
+        let [one, other] = outputs;
+        let Output { mut flags, .. } = if one.flags.has(AS_A_WHOLE) {
+            second.end_with(first, kept_second);
+            one
+        } else {
+            first.end_with(second, kept_first);
+            other
+        };
+        let touched = kept_first.is_none() || kept_second.is_none();
+        flags.set(Flags::RELEASED, touched);
+        Output { flags, energy: first.energy().mean(second.energy()), ..Output::default() }
     }
 
     /// The Lipschitz bound of the force at the present contact, N/m: how far one step's |ΔF| may exceed nothing but

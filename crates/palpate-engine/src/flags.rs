@@ -19,7 +19,7 @@ impl Flags {
     /// surface point. What is stored where it was already that deep appears at a fixed tool, as nothing else does that the
     /// tank does not hold back; the ledger has it as generated.
     pub const REANCHORED: Self = Self(1 << 4);
-    /// The contact ended because the contact point reached the surface's border.
+    /// The contact ended because the contact point reached the surface's border; of two contact points, because either did.
     pub const BORDER: Self = Self(1 << 5);
     /// The contact point is held by an edge or vertex that it can't leave: f_r may exceed the limit.
     pub const BLOCKED: Self = Self(1 << 6);
@@ -68,6 +68,11 @@ impl Flags {
         ("held_back", Self::HELD_BACK),
         ("pulling", Self::PULLING),
     ];
+
+    /// These two.
+    pub(crate) const fn of_two(one: Self, other: Self) -> Self {
+        Self(one.0 | other.0)
+    }
 
     /// All but these two.
     pub(crate) const fn all_but(one: Self, other: Self) -> Self {

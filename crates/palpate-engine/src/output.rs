@@ -216,20 +216,27 @@ pub struct Output {
 }
 
 impl Output {
-    /// Of two contact points side by side, half of the force each; the contact is told by the first. `touched` says whether
-    /// either was in touch before the step.
+    /// Of two contact points side by side, half of the force each; the contact is told by the first. `touched` says which
+    /// of them were in touch before the step.
     #[inline]
-    pub(crate) fn mean(&self, other: &Output, touched: bool) -> Output {
+    pub(crate) fn mean(&self, other: &Output, touched: [bool; 2]) -> Output {
         let mean = |one: [f64; 3], other: [f64; 3]| {
             ((DVec3::from_array(one) + DVec3::from_array(other)) * 0.5).to_array()
         };
         let mut flags = self.flags | other.flags;
         // The contact as a whole begins with the first touch, and ends with the last.
-        if touched {
+        if touched != [false; 2] {
             flags.unset(Flags::ONSET);
         }
-        if flags.has(Flags::IN_CONTACT) {
-            flags.unset(Flags::RELEASED | Flags::BORDER | Flags::STARTED_INSIDE);
+        if flags.has(Flags::RELEASED) {
+            let [one, second] = touched;
+            let held =
+                (one && !self.flags.has(Flags::RELEASED)) || (second && !other.flags.has(Flags::RELEASED));
+            if held {
+                flags.unset(Flags::RELEASED);
+            }
+            // One ended, and the other one began.
+            flags.set(Flags::REANCHORED, !held && flags.has(Flags::IN_CONTACT));
         }
         Output {
             force_n: mean(self.force_n, other.force_n),

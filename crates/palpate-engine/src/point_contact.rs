@@ -9,6 +9,8 @@
 //! | `Waiting`: the force, cut to the friction limit | as `Touching` | as `Touching` | `Touching`, once c has caught up | `Waiting` | as `Touching` |
 //! | `Inside`: not through the surface, no force | `Free` | `Hovering` | `Inside` | – | – |
 //!
+//! Of two contact points ([`Contact`](crate::Contact)) each has such a life, but for border and inside: there both go where one does.
+//!
 //! [`Found`] is a column, [`State::after`] what follows from it. δz is read where the contact point came to rest.
 //! The contact point is that of the last step, or else the first touch on the tool's way. If there is no depth at its end, that contact
 //! has ended, or come to nothing, and what else lies on the way is tried ([`PointContact::leave`]): where the straight way from
@@ -57,9 +59,12 @@ pub(crate) struct PointContact {
     tank: bool,
 }
 
+/// What a contact that comes to nothing leaves as it was.
+pub(crate) type Kept = (Ledger, Guess);
+
 /// The next slip search's first guess, from the last slips.
 #[derive(Debug, Clone, Copy, Default)]
-struct Guess {
+pub(crate) struct Guess {
     estimate: ComplianceEstimate,
     /// f_t less the drive in the last slip, N.
     last_reaction: DVec3,
@@ -249,6 +254,22 @@ impl PointContact {
     pub(crate) fn forget(&mut self) {
         self.energy.slip(0.0);
         self.state = State::Unknown;
+    }
+
+    /// What a contact that begins in the next step would leave as it was, should it come to nothing; `None` in touch.
+    #[inline(always)]
+    pub(crate) fn kept_if_free(&self) -> Option<Kept> {
+        self.touching().is_none().then(|| self.kept())
+    }
+
+    /// Goes where another contact point of the same contact is after a step that ended the contact: over the border, or inside. What
+    /// touched before has ended; what is `new` has come to nothing, and what was before it is put back.
+    pub(crate) fn end_with(&mut self, other: &PointContact, new: Option<Kept>) {
+        match new {
+            Some(kept) => self.restore(kept),
+            None => self.energy.slip(0.0),
+        }
+        self.state = other.state;
     }
 
     /// One sample, with the tool at an accepted position. Its searches and their effort are added to `effort`.
@@ -563,7 +584,7 @@ impl PointContact {
         if way.length() <= most {
             return slipped;
         }
-        *at = match start_direction(body, held, |_| v) {
+        *at = match start_direction(body, held, |_| if step.budget.cross() { v } else { DVec3::ZERO }) {
             StartDirection::Along(there) => {
                 let rates = Rates::new(body.corners(there.element), v);
                 walk(body, there, v, most, rates, &mut step.budget).0
@@ -591,7 +612,7 @@ impl PointContact {
         at: SurfacePoint,
         evaluation: &Evaluation,
         end: End,
-        new: Option<(Ledger, Guess)>,
+        new: Option<Kept>,
     ) -> Output {
         let (body, tool_position) = (step.body, step.tool_position);
         match new {
@@ -670,11 +691,11 @@ impl PointContact {
         evaluation.c - evaluation.u() * self.setting.radius_m + body.outward(at.element) * (2.0 * ON_SURFACE)
     }
 
-    fn kept(&self) -> (Ledger, Guess) {
+    fn kept(&self) -> Kept {
         (self.energy, self.guess)
     }
 
-    fn restore(&mut self, kept: (Ledger, Guess)) {
+    fn restore(&mut self, kept: Kept) {
         (self.energy, self.guess) = kept;
     }
 
@@ -718,7 +739,8 @@ impl PointContact {
         }
     }
 
-    fn untouched(&self, flags: Flags) -> Output {
+    /// A step that ends without touch, or is not taken.
+    pub(crate) fn untouched(&self, flags: Flags) -> Output {
         Output { flags, energy: self.energy, ..Output::default() }
     }
 }
@@ -751,7 +773,7 @@ mod tests {
     use crate::decoupled::Isotropic;
     use crate::drive::{Consistent, Exact, Paper};
     use crate::kernel::Ablation;
-    use crate::sensitivity::tests::ball;
+    use crate::sensitivity::tests::{ball, random};
     use palpate_body::Body;
 
     /// A moving tool's slip may end 10⁻⁴ of the limit beyond it. That is gone once the tool rests, without
@@ -811,6 +833,59 @@ mod tests {
         assert!(left > 3, "{rule:?}: only {left} slips left anything");
     }
 
+    /// What is read of the law after a budget was spent: no more than is kept for it, wherever a step is when that happens.
+    #[test]
+    fn a_spent_budget_is_closed_within_what_is_kept_for_it() {
+        let bodies = [rough(ball(1.0), 0.15), rough(ball(1.0), 0.04), rough(ball(3.0), 0.1)];
+        let mut most = 0;
+        for (seed, body) in (1..).zip(&bodies) {
+            most = most.max(closed::<Paper>(body, SlipRule::Paper, seed));
+            most = most.max(closed::<Consistent>(body, SlipRule::Consistent, seed));
+            most = most.max(closed::<Exact>(body, SlipRule::Exact, seed));
+        }
+        assert!(most <= Budget::CLOSING, "{most}");
+        // Random leaps come to less than the worst of all.
+        assert!(most > 4, "{most}");
+    }
+
+    /// The body with its nodes moved to and fro along their radius.
+    fn rough(body: Body, by: f64) -> Body {
+        let mut unit = random(11);
+        let mut parts = body.parts();
+        let triangles = parts.surface.elements().iter().map(|e| e.nodes).collect();
+        let positions =
+            parts.surface.positions().iter().map(|p| *p * (1.0 + by * (2.0 * unit() - 1.0))).collect();
+        let mesh = palpate_body::TriangleMesh { positions, triangles };
+        parts.surface = palpate_body::Surface::build(&mesh, f64::INFINITY).unwrap();
+        parts.lateral_tensors = None;
+        Body::new(parts).unwrap()
+    }
+
+    /// The most that steps of random leaps took beyond small budgets, on the body and on a patch of it.
+    fn closed<R: Rule>(body: &Body, rule: SlipRule, seed: u64) -> u32 {
+        let mut contact = on(body, rule);
+        let patch = palpate_body::Patch::new(body, [0.0, 0.0, 0.03], 40);
+        let (mut unit, mut most) = (random(seed), 0);
+        for ground in [body, patch.model()] {
+            contact.forget();
+            let mut x = DVec3::Z * 0.04;
+            for k in 0..20_000 {
+                let way = DVec3::new(unit() - 0.5, unit() - 0.5, unit() - 0.5) * 2.0;
+                x = (x + way * if unit() < 0.5 { 2e-2 } else { 1e-3 }).clamp_length_max(0.045);
+                if k % 50 == 0 {
+                    x = DVec3::Z * 0.04;
+                    contact.forget();
+                }
+                let left = (unit() * unit() * 60.0) as u32;
+                contact.budget = Budget::CLOSING + left;
+                let mut effort = Effort::default();
+                contact.step::<Isotropic, R>(ground, x, Flags::default(), &mut effort);
+                most = most.max((effort.evaluations + effort.crossings).saturating_sub(left));
+            }
+        }
+        most
+    }
+
     /// On a spent budget the lateral force was cut to the limit even where the rule bounds another drive: off by all that
     /// W's slope along the surface takes from it, in one step.
     #[test]
@@ -837,7 +912,7 @@ mod tests {
         for k in 0..300 {
             let pose = at(0.399 + 3e-6 * f64::from(k + 1), 2e-3);
             let mut short = contact.clone();
-            short.budget = 8 + k % 12;
+            short.budget = Budget::CLOSING + k % 12;
             let [a, b] = [step::<R>(&mut short, body, pose), step::<R>(&mut contact, body, pose)].map(|o| {
                 assert!(o.flags.has(Flags::IN_CONTACT) && !o.flags.has(Flags::BLOCKED));
                 (DVec3::from_array(o.force_n), o.flags.has(Flags::CAPPED))

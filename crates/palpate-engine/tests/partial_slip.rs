@@ -164,3 +164,223 @@ fn renumbering_takes_both_contact_points_or_none() {
     });
     assert!(seen > 20, "{seen}");
 }
+
+/// A contact on `body`, and two with one contact point each and the frictions of its two.
+fn beside(body: &Body, rule: SlipRule) -> (Contact, [Contact; 2]) {
+    let contact = || Contact::with_slip(body, rule, Ablation::None).with_partial_slip(false);
+    let apart = PARTIAL_SLIP.map(|share| {
+        let mut contact = contact();
+        contact.set_friction_scale(share);
+        contact
+    });
+    (contact().with_partial_slip(true), apart)
+}
+
+/// A tube and a sheet that end 20 mm from the middle, with the tool's position so far along and so deep.
+fn open_bodies() -> [(Body, fn(f64, f64) -> DVec3); 2] {
+    let side = |s: f64, depth: f64| DVec3::new(0.995, 0.1, 0.0) * (0.0299 - depth) + DVec3::Z * s;
+    [
+        (uniform(&cylinder(0.03, 0.04, 48, 20), 600.0, 200.0, 0.5), side),
+        (uniform(&patch(0.04, 20), 600.0, 200.0, 0.5), |s, depth| DVec3::new(s, 1e-3, -depth)),
+    ]
+}
+
+/// One contact point alone went over the border: the other one held on, with half the force and without a flag, for as long as it
+/// touched, and pressed deeper.
+#[test]
+fn over_a_border_goes_the_whole_contact() {
+    for (body, at) in open_bodies() {
+        for rule in SlipRule::ALL {
+            let (mut contact, mut apart) = beside(&body, rule);
+            let lead = |contact: &mut Contact, [s, depth]: [f64; 2]| step(contact, &body, at(s, depth));
+            let press = |k: u32| [10e-3, -1e-3 + 1e-4 * f64::from(k)];
+            for k in 0..=40 {
+                lead(&mut contact, press(k));
+                for contact in &mut apart {
+                    lead(contact, press(k));
+                }
+            }
+            assert_eq!(contact.contact_points().count(), 2, "{rule:?}");
+            let (mut ended, mut before) = (None, contact.energy());
+            for k in 0..400 {
+                let pose = [10e-3 + 5e-5 * f64::from(k), 3e-3];
+                let output = lead(&mut contact, pose);
+                let over = apart.each_mut().map(|c| lead(c, pose).flags.has(Flags::BORDER));
+                assert!(imbalance(&output) < 1e-9);
+                if over == [false; 2] {
+                    assert_eq!(contact.contact_points().count(), 2, "{rule:?} {k}");
+                    before = output.energy;
+                    continue;
+                }
+                assert!(over != [true; 2], "{rule:?}: both at once");
+                ended = Some((k, output));
+                break;
+            }
+            let (k, output) = ended.expect("the border");
+            let told = [Flags::BORDER, Flags::RELEASED, Flags::IN_CONTACT].map(|f| output.flags.has(f));
+            assert_eq!(told, [true, true, false], "{rule:?} {k}: {:?}", output.flags);
+            assert_eq!((force(&output), output.contact), (DVec3::ZERO, None), "{rule:?}");
+            assert_eq!(contact.contact_points().count(), 0);
+            // What was stored is gone, and nobody got it.
+            assert_eq!(output.energy.stored_j, 0.0);
+            assert!(output.energy.dissipated_j > before.dissipated_j + 0.9 * before.stored_j, "{rule:?}");
+            assert!(imbalance(&output) < 1e-9 && contact.energy() == output.energy);
+            // Back, and deeper: nothing until the tool has left.
+            for k in 0..400 {
+                let t = f64::from(k) / 400.0;
+                let output = lead(&mut contact, [20e-3 * (1.0 - t), 3e-3 + 3e-3 * t]);
+                assert_eq!(force(&output), DVec3::ZERO, "{rule:?} {k}: {:?}", output.flags);
+                assert!(!output.flags.has(Flags::IN_CONTACT | Flags::ONSET), "{:?}", output.flags);
+            }
+            lead(&mut contact, [0.0, -2e-3]);
+            let again = lead(&mut contact, [0.0, 3e-3]);
+            let mut new = beside(&body, rule).0;
+            lead(&mut new, [0.0, -2e-3]);
+            assert_eq!(contact.contact_points().count(), 2);
+            assert!(again.flags.has(Flags::ONSET) && force(&again) == force(&lead(&mut new, [0.0, 3e-3])));
+        }
+    }
+}
+
+/// A contact of which one contact point runs over the border in the step in which it begins comes to nothing, and leaves no trace.
+#[test]
+fn a_contact_that_begins_over_a_border_comes_to_nothing_as_a_whole() {
+    for (body, at) in open_bodies() {
+        let (mut one, mut both) = (0, 0);
+        for rule in SlipRule::ALL {
+            for k in 0..200 {
+                let (mut contact, mut apart) = beside(&body, rule);
+                let leap = [at(19e-3, -1e-3), at(19e-3 + 5e-5 * f64::from(k), 3e-3)];
+                let mut last = Output::default();
+                let mut over = [false; 2];
+                for x in leap {
+                    last = step(&mut contact, &body, x);
+                    over = apart.each_mut().map(|c| step(c, &body, x).flags.has(Flags::BORDER));
+                }
+                one += u32::from(over[0] != over[1]);
+                both += u32::from(over == [true; 2]);
+                if over == [false; 2] {
+                    continue;
+                }
+                let not = Flags::ONSET | Flags::IN_CONTACT | Flags::RELEASED | Flags::SLIPPING;
+                assert!(last.flags.has(Flags::BORDER) && !last.flags.has(not), "{:?}", last.flags);
+                assert_eq!((force(&last), contact.energy()), (DVec3::ZERO, Default::default()));
+                assert_eq!((contact.counters().onsets, contact.contact_points().count()), (0, 0));
+            }
+        }
+        assert!(one > 20 && both > 20, "{one} {both}");
+    }
+}
+
+/// Out of one thin plate and into the next within a step: both contact points are released, and both begin anew. The release was not
+/// told.
+#[test]
+fn a_contact_that_ends_and_begins_anew_in_one_step_says_both() {
+    let plate = |z: f64| {
+        let mesh = block(DVec3::new(0.03, 0.03, 5e-5), 4);
+        (mesh.positions.into_iter().map(move |p| p + DVec3::Z * z), mesh.triangles)
+    };
+    let ((lower, mut triangles), (upper, above)) = (plate(0.0), plate(4e-3));
+    let mut positions: Vec<DVec3> = lower.collect();
+    let count = positions.len() as u32;
+    positions.extend(upper);
+    triangles.extend(above.iter().map(|t| t.map(|v| v + count)));
+    let body = uniform(&palpate_body::TriangleMesh { positions, triangles }, 600.0, 500.0, 0.3);
+    for rule in SlipRule::ALL {
+        let (mut contact, _) = beside(&body, rule);
+        let at = |z: f64| DVec3::new(0.001, 0.002, z);
+        step(&mut contact, &body, at(1e-3));
+        let begun = step(&mut contact, &body, at(-1e-3));
+        assert!(begun.flags.has(Flags::ONSET) && contact.contact_points().count() == 2);
+        let anew = step(&mut contact, &body, at(6e-3));
+        let told = [Flags::RELEASED, Flags::REANCHORED, Flags::IN_CONTACT].map(|f| anew.flags.has(f));
+        assert_eq!((told, contact.contact_points().count()), ([true; 3], 2), "{rule:?}: {:?}", anew.flags);
+    }
+}
+
+/// Switched to one contact point the contact vanished, untold, where only the second touched: on a ball, after a drag and its way
+/// back to where the first one stayed, a tool that leaves there is still under the second one's tangent plane.
+#[test]
+fn of_two_contact_points_the_one_that_touches_stays() {
+    let body = uniform(&ellipsoid(DVec3::splat(0.03), 4), 600.0, 100.0, 1.0);
+    let mut alone = 0;
+    for (rule, friction) in SlipRule::ALL.into_iter().flat_map(|rule| [0.3, 0.6, 1.0, 1.5].map(|f| (rule, f)))
+    {
+        let (mut contact, mut apart) = beside(&body, rule);
+        let at = |angle: f64, depth: f64| {
+            DVec3::new(libm::sin(angle), 0.02, libm::cos(angle)).normalize() * (0.03 - depth)
+        };
+        let mut poses = vec![at(0.0, -1e-3)];
+        poses.extend((0..=20).map(|k| at(0.0, 1e-4 * f64::from(k))));
+        poses.extend((0..=100).map(|k| at(2.5e-3 * f64::from(k), 2e-3)));
+        let scale = |contact: &mut Contact, apart: &mut [Contact; 2], scale: f64| {
+            contact.set_friction_scale(scale);
+            for (contact, share) in apart.iter_mut().zip(PARTIAL_SLIP) {
+                contact.set_friction_scale(share * scale);
+            }
+        };
+        scale(&mut contact, &mut apart, friction);
+        for x in poses {
+            step(&mut contact, &body, x);
+            for contact in &mut apart {
+                step(contact, &body, x);
+            }
+        }
+        // Held where they are, the tool goes back over the first and leaves.
+        scale(&mut contact, &mut apart, 1e3);
+        let first = body.point(contact.touching().unwrap());
+        let angle = libm::atan2(first.x, first.z);
+        for k in 0..400 {
+            let x = at(angle, 2e-3 - 6e-6 * f64::from(k));
+            let output = step(&mut contact, &body, x);
+            let both = apart.each_mut().map(|contact| step(contact, &body, x));
+            if !output.flags.has(Flags::IN_CONTACT) {
+                break;
+            }
+            let stays = usize::from(!both[0].flags.has(Flags::IN_CONTACT));
+            let mut one = contact.clone().with_partial_slip(false);
+            assert_eq!(one.touching(), apart[stays].touching());
+            assert_eq!(one.energy(), both[stays].energy);
+            let mut alike = apart[stays].clone();
+            alike.set_friction_scale(1e3);
+            assert_eq!(step(&mut one, &body, x), step(&mut alike, &body, x));
+            alone += stays;
+        }
+    }
+    assert!(alone > 20, "{alone}");
+}
+
+/// What one contact point alone does is no beginning and no end of the contact.
+#[test]
+fn leaps_are_told_of_the_whole_contact() {
+    let mut alone = 0;
+    for (seed, rule) in (20..).zip(SlipRule::ALL) {
+        let body = lump(seed);
+        let (mut contact, mut apart) = beside(&body, rule);
+        let mut random = Random::new(seed);
+        let (mut x, mut touched) = (DVec3::Z * 0.05, [false; 2]);
+        for _ in 0..6000 {
+            x = match random.below(3) {
+                0 => (x + random.direction() * random.range(1e-4, 2e-2)).clamp_length_max(0.05),
+                1 => (x + random.direction() * 1e-3).clamp_length_max(0.05),
+                // Along the surface, now a little above it, now a little below.
+                _ => {
+                    let at = body.nearest(x + random.direction() * 6e-3, f64::INFINITY).unwrap().at;
+                    body.point(at) + body.outward(at.element) * random.range(-2e-3, 5e-4)
+                }
+            };
+            let output = step(&mut contact, &body, x);
+            let both = [0, 1].map(|i: usize| step(&mut apart[i], &body, x));
+            let [touches, released] =
+                [Flags::IN_CONTACT, Flags::RELEASED].map(|f| both.map(|o| o.flags.has(f)));
+            let held = (0..2).any(|i| touched[i] && !released[i]);
+            assert_eq!(output.flags.has(Flags::RELEASED), released != [false; 2] && !held);
+            assert_eq!(output.flags.has(Flags::IN_CONTACT), touches != [false; 2]);
+            let begun = touched == [false; 2] && touches != [false; 2];
+            assert_eq!(output.flags.has(Flags::ONSET), begun);
+            alone += u32::from(touches[0] != touches[1]);
+            touched = touches;
+        }
+    }
+    assert!(alone > 0, "{alone}");
+}

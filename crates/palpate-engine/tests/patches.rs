@@ -83,6 +83,8 @@ fn bodies() -> Vec<Body> {
         heterogeneous(&patch(0.08, 50), &mut rng, 0.3, 0.2),
         coupled::sparse(&coupled::coupled(&round_of(3), &mut rng, 0.3, 0.3, 2e-3), 5),
         coupled::coupled(&round_of(3), &mut rng, 0.3, 0.3, 0.0),
+        coupled::coupled(&round_of(3), &mut rng, 0.3, 0.3, 0.0).with_partial_slip(true),
+        plain.clone().with_partial_slip(true),
         plain,
     ]
 }
@@ -115,11 +117,15 @@ fn a_step_on_a_patch_is_the_step_on_the_whole_body() {
             for tip in tour(&body, &mut rng, 900) {
                 let (pose, p) = (ToolState::at(tip.to_array()), tip.to_array());
                 let away = |at: Option<[f64; 3]>| !at.is_none_or(|at| local.knows(at, radius));
-                let lost = part.touching().is_none() && (away(Some(p)) || away(part.last_position_m()));
+                let points = 1 + usize::from(part.has_partial_slip());
+                let touching = part.contact_points().count();
+                let lost = touching < points && (away(Some(p)) || away(part.last_position_m()));
                 // Anew where it must be, and now and then where it need not.
                 if first || lost || rng.below(50) == 0 {
                     let from = |e: u32| local.global(e);
                     let centre = part.touching().map_or(tip, |at| local.model().point(at));
+                    // What is free must be known beside what touches.
+                    let centre = if touching < points { centre.midpoint(tip) } else { centre };
                     let mut next = Patch::new(&body, centre.to_array(), 400);
                     assert!(first || part.renumber(|e| next.local(from(e))));
                     std::mem::swap(&mut local, &mut next);
@@ -130,7 +136,8 @@ fn a_step_on_a_patch_is_the_step_on_the_whole_body() {
                     (first, taken) = (false, taken + 1);
                 }
                 let expected = step_pose(&mut whole, &body, &pose);
-                let mut got = step_pose(&mut part, local.model(), &pose);
+                let step = part.step_where(local.model(), &pose, 1e-3, |at| local.knows(at, radius));
+                let mut got = step.expect("known ground");
                 if let Some(c) = &mut got.contact {
                     c.element = local.global(c.element);
                 }
@@ -145,6 +152,54 @@ fn a_step_on_a_patch_is_the_step_on_the_whole_body() {
         touched > steps / 4 && free > steps / 4 && taken > steps / 100,
         "{steps} {taken} {touched} {free}"
     );
+}
+
+/// Of two contact points one may be free where the other touches. It looked for a touch in what is at hand of the body, also where
+/// that is not all: it waits instead, and goes on from where it was.
+#[test]
+fn a_free_contact_point_waits_where_the_ground_is_not_known() {
+    let mesh = ellipsoid(DVec3::new(0.03, 0.025, 0.035), 2);
+    let body = coupled::coupled(&mesh, &mut Random::new(20), 0.3, 0.3, 4e-3);
+    let mut rng = Random::new(54);
+    let mut alone = 0;
+    for rule in SlipRule::ALL {
+        let one = Contact::with_slip(&body, rule, Ablation::None).with_partial_slip(false);
+        let mut partial = one.clone().with_partial_slip(true);
+        let mut apart = palpate_engine::PARTIAL_SLIP.map(|share| {
+            let mut contact = one.clone();
+            contact.set_friction_scale(share);
+            contact
+        });
+        let mut x = DVec3::Z * 0.05;
+        for _ in 0..6000 {
+            let far = if rng.below(3) == 0 { 2e-2 } else { 3e-3 };
+            x = (x + rng.direction() * rng.range(1e-4, far)).clamp_length_max(0.05);
+            if rng.below(3) == 0 {
+                let at = palpate_body::ContactModel::nearest(&body, x, f64::INFINITY).unwrap().at;
+                x = body.point(at) + body.outward(at.element) * rng.range(-1e-3, 5e-4);
+            }
+            let pose = ToolState::at(x.to_array());
+            let touching = partial.contact_points().count();
+            if touching == 1 && rng.below(2) == 0 {
+                alone += 1;
+                let touches = usize::from(apart[0].touching().is_none());
+                let output = partial.step_where(&body, &pose, 1e-3, |_| false).expect("one touches");
+                let expected = step(&mut apart[touches], &body, x);
+                assert_eq!(force(&output), force(&expected) * 0.5);
+                assert_eq!(output.contact, expected.contact);
+                let energies = apart.each_ref().map(|c| c.energy().work_j);
+                assert_eq!(output.energy.work_j, 0.5 * (energies[0] + energies[1]));
+                continue;
+            }
+            if touching == 0 {
+                assert!(partial.clone().step_where(&body, &pose, 1e-3, |_| false).is_none());
+            }
+            let output = partial.step_where(&body, &pose, 1e-3, |_| true).expect("known ground");
+            let both = apart.each_mut().map(|c| force(&step(c, &body, x)));
+            assert_eq!(force(&output), (both[0] + both[1]) * 0.5);
+        }
+    }
+    assert!(alone > 4, "{alone}");
 }
 
 #[test]

@@ -30,6 +30,9 @@ const FARTHEST: f64 = 0.75;
 const HASTE: usize = 4;
 /// But no fewer than this, if as many were asked for: a patch of few elements knows little more than these.
 const LEAST: usize = 512;
+/// And only where they reach so many times as far as half of the distance between two contact points, both of which they must hold:
+/// how far they will reach is an estimate.
+const ROOM: f64 = 1.5;
 
 /// A patch and which one it is.
 #[derive(Debug)]
@@ -273,8 +276,10 @@ impl Finder {
             if ahead.is_finite() { ahead } else { DVec3::ZERO }
         };
         let mut elements = self.elements;
-        if !is_free && (sample.waits || ahead(elements).length() > FARTHEST * reach(elements)) {
-            elements = elements.min((elements / HASTE).max(LEAST));
+        let few = elements.min((elements / HASTE).max(LEAST));
+        let hasty = sample.waits || ahead(elements).length() > FARTHEST * reach(elements);
+        if !is_free && hasty && newest.radius_of_m(few) > ROOM * around_m {
+            elements = few;
         }
         let mut target = place + ahead(elements).clamp_length_max(FARTHEST * reach(elements));
         let worn = target.distance(newest.centre) > WORN * reach(newest.asked);
@@ -285,7 +290,7 @@ impl Finder {
             // The newest patch has come and does not do, though it is where it should be.
             (target, elements) = (place, self.elements);
         }
-        if target == newest.centre {
+        if target == newest.centre && elements == newest.asked {
             return Ok(false);
         }
         let Some(mut message) = self.hands.pop() else { return Ok(false) };

@@ -20,7 +20,7 @@ pub trait Ground {
     where
         Self: Sized,
     {
-        ready(self, contact, pose).then(|| contact.step(self.model(), pose, dt_s))
+        step(self, contact, pose, dt_s)
     }
 }
 
@@ -44,20 +44,13 @@ impl Ground for Patch {
     }
 }
 
-/// Whether `contact` can take a step to `pose` on this ground. A tool that touches can: at the ground's end its contact
-/// point waits. A free tool must be where the ground is known, and must have been there the step before: the way between
-/// is then known too. What came from elsewhere is forgotten, and inside the body feels nothing until it has left it.
-pub(crate) fn ready<G: Ground>(ground: &G, contact: &mut Contact, pose: &ToolState) -> bool {
-    if contact.touching().is_some() {
-        return true;
-    }
+/// The engine's step on this ground, or `None` where the tool must wait for it: see [`Contact::step_where`].
+pub(crate) fn step<G: Ground>(
+    ground: &G,
+    contact: &mut Contact,
+    pose: &ToolState,
+    dt_s: f64,
+) -> Option<Output> {
     let radius = ground.model().tool().radius_m();
-    // NaN and infinity are the engine's to refuse.
-    if !ground.knows(pose.position_m, radius) && pose.position_m.iter().all(|x| x.is_finite()) {
-        return false;
-    }
-    if contact.last_position_m().is_some_and(|from| !ground.knows(from, radius)) {
-        contact.forget();
-    }
-    true
+    contact.step_where(ground.model(), pose, dt_s, |at| ground.knows(at, radius))
 }

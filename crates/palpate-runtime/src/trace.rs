@@ -78,6 +78,8 @@ pub struct Energies {
     pub stored_j: f64,
     pub dissipated_j: f64,
     pub generated_j: f64,
+    pub tank_j: f64,
+    pub relaxed_j: f64,
 }
 
 /// [`Counters`], as JSON.
@@ -89,16 +91,19 @@ pub struct Counts {
     pub slips: u64,
     pub evaluations: u64,
     pub crossings: u64,
+    pub queries: u64,
     pub blocked: u64,
     pub fenced: u64,
     pub capped: u64,
     pub held_back: u64,
     pub invalid_poses: u64,
+    pub invalid_times: u64,
+    pub other_bodies: u64,
     pub contained: u64,
+    pub without_gradients: u64,
 }
 
-/// How many rows had each of the engine's [`Flags`]; as JSON by their names, those that older traces have not only where
-/// there are any.
+/// How many rows had each of the engine's [`Flags`]; as JSON by their names.
 #[derive(Debug, Clone, Default)]
 pub struct FlagCounts([u64; Flags::NAMED.len()]);
 
@@ -117,11 +122,7 @@ impl FlagCounts {
 
 impl Serialize for FlagCounts {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let newer = Flags::INVALID_TIME | Flags::OTHER_BODY | Flags::HELD_BACK | Flags::PULLING;
-        let counted = Flags::NAMED.into_iter().zip(self.0);
-        serializer.collect_map(
-            counted.filter(|((_, flag), n)| *n > 0 || !newer.has(*flag)).map(|((name, _), n)| (name, n)),
-        )
+        serializer.collect_map(Flags::NAMED.into_iter().zip(self.0).map(|((name, _), n)| (name, n)))
     }
 }
 
@@ -163,34 +164,36 @@ impl TraceSummary {
             slips,
             evaluations,
             crossings,
-            queries: _,
+            queries,
             blocked,
             fenced,
             capped,
             held_back,
             invalid_poses,
+            invalid_times,
+            other_bodies,
             contained,
-            // The contact is of this body, and time goes on in a path.
-            invalid_times: _,
-            other_bodies: _,
-            without_gradients: _,
+            without_gradients,
         } = *contact.counters();
-        let Ledger { work_j, stored_j, dissipated_j, generated_j, relaxed_j: _, tank_j: _ } =
-            contact.energy();
+        let Ledger { work_j, stored_j, dissipated_j, generated_j, tank_j, relaxed_j } = contact.energy();
         self.contacts = onsets;
-        self.energy = Energies { work_j, stored_j, dissipated_j, generated_j };
+        self.energy = Energies { work_j, stored_j, dissipated_j, generated_j, tank_j, relaxed_j };
         self.counters = Counts {
             steps,
             onsets,
             slips,
             evaluations,
             crossings,
+            queries,
             blocked,
             fenced,
             capped,
             held_back,
             invalid_poses,
+            invalid_times,
+            other_bodies,
             contained,
+            without_gradients,
         };
     }
 
@@ -298,9 +301,12 @@ mod tests {
         let json = serde_json::to_string(&counts).unwrap();
         let expected =
             r#"{"in_contact":1,"slipping":0,"onset":0,"released":0,"reanchored":0,"border":0,"blocked":0,"#;
-        let rest = r#""capped":0,"invalid_pose":0,"contained":0,"started_inside":0,"fenced":2}"#;
-        assert_eq!(json, format!("{expected}{rest}"));
-        counts.add(Flags::OTHER_BODY);
-        assert!(serde_json::to_string(&counts).unwrap().ends_with(r#""fenced":2,"other_body":1}"#));
+        let rest = r#""capped":0,"invalid_pose":0,"contained":0,"started_inside":0,"fenced":2,"#;
+        let newer = r#""invalid_time":0,"other_body":0,"held_back":0,"pulling":0}"#;
+        assert_eq!(json, format!("{expected}{rest}{newer}"));
+        let json = serde_json::to_string(&TraceSummary::default()).unwrap();
+        for name in ["queries", "invalid_times", "other_bodies", "without_gradients", "tank_j", "relaxed_j"] {
+            assert!(json.contains(&format!("\"{name}\":0")), "{name}: {json}");
+        }
     }
 }

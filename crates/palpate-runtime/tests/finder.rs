@@ -6,7 +6,7 @@ use common::{patch, shape, uniform, with_field};
 use palpate_body::Body;
 use palpate_body::shape::Shape;
 use palpate_device::{Device, Pose, Replay, ReplaySample};
-use palpate_engine::{Contact, Flags};
+use palpate_engine::{Contact, Flags, ToolState};
 use palpate_runtime::{HapticLoop, Limit, Stages, WorkspaceMap, patch_holder};
 use std::sync::Arc;
 
@@ -111,6 +111,43 @@ fn a_patch_holds_both_contact_points_of_partial_slip() {
         assert!(apart_m > 1.5e-3, "{apart_m}");
         assert!(waits.iter().all(|&n| n == 0) && refused == 0, "{whole}: {waits:?} {refused}");
     }
+}
+
+/// One contact point waits at the patch's boundary, the other one sticks in its middle. A patch of a quarter of the elements around the
+/// middle of both held neither, was refused, and nothing else was made for as long as they stayed there.
+#[test]
+fn two_contact_points_far_apart_get_a_patch_that_holds_both() {
+    let body = Arc::new(uniform(&patch(0.1, 300), 600.0, 60.0, 20.0).with_partial_slip(true));
+    let (mut patch_holder, mut finder) = patch_holder(body.clone(), [0.0; 3], ELEMENTS).unwrap();
+    let mut contact = Contact::new(&*body);
+    let at = |x: f64, depth: f64| ToolState::at([x, 1e-4, -depth]);
+    contact.step(patch_holder.patch().model(), &at(0.0, -1e-3), 1e-3);
+    // The finder is stalled.
+    let (mut x, mut waits) = (0.0, 0);
+    while waits < 10 {
+        let output = contact.step(patch_holder.patch().model(), &at(x, 1e-3), 1e-3);
+        waits += usize::from(output.flags.has(Flags::PATCH_BOUNDARY));
+        x += 5e-5;
+        assert!(x < 0.03, "nothing waits");
+    }
+    let places = contact.contact_points().map(|at| patch_holder.patch().model().point(at));
+    let places: Vec<_> = places.collect();
+    let half = 0.5 * places[0].distance(places[1]);
+    assert!(half > 0.45 * patch_holder.patch().radius_m(), "{half}");
+    for k in 0..200 {
+        finder.look().unwrap();
+        patch_holder.renew(&mut contact);
+        // Hardly at rest: what waited goes on by no more than twice as far as the tool moves.
+        x += 5e-6;
+        let output = contact.step(patch_holder.patch().model(), &at(x, 1e-3), 1e-3);
+        let waits = output.flags.has(Flags::PATCH_BOUNDARY);
+        patch_holder.report(f64::from(k) * 1e-3, at(x, 1e-3).position_m, &contact, waits);
+        if !waits {
+            assert!(patch_holder.asked().0 > 1 && patch_holder.refused() == 0);
+            return;
+        }
+    }
+    panic!("they wait for ever: {} patches were refused", patch_holder.refused());
 }
 
 #[test]

@@ -306,6 +306,9 @@ fn text(c: &Certificate) -> String {
                 w.depth_m * 1e3,
                 w.lateral_m * 1e3
             );
+            if w.friction_factor != 1.0 {
+                out += &format!(", of the contact point with {:.3} times the friction", w.friction_factor);
+            }
             out += &match &h.witness {
                 None => "; no path was found that shows it\n".to_owned(),
                 Some(s) => {
