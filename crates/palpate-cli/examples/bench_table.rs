@@ -15,6 +15,7 @@ struct Row {
     regime: String,
     law: String,
     slip: String,
+    partial_slip: bool,
     median_ns: f64,
     p99_ns: f64,
     p999_ns: f64,
@@ -31,13 +32,14 @@ fn main() -> anyhow::Result<()> {
     regimes.dedup();
     for regime in regimes {
         for row in results.iter().filter(|row| row.regime == regime) {
-            let Row { triangles, law, slip, median_ns, p99_ns, p999_ns, .. } = row;
+            let Row { triangles, law, slip, partial_slip, median_ns, p99_ns, p999_ns, .. } = row;
+            let partial = if *partial_slip { ", partial" } else { "" };
             anyhow::ensure!(
                 [median_ns, p99_ns, p999_ns].iter().all(|ns| ns.is_finite() && **ns > 0.0),
                 "{regime}"
             );
             println!(
-                "| {regime} | {triangles} | {law} | {slip} | {median_ns:.0} | {p99_ns:.0} | {p999_ns:.0} |"
+                "| {regime} | {triangles} | {law} | {slip}{partial} | {median_ns:.0} | {p99_ns:.0} | {p999_ns:.0} |"
             );
         }
     }

@@ -25,6 +25,8 @@ pub struct Row {
     pub law: &'static str,
     /// Slip rule.
     pub slip: &'static str,
+    /// Two contact points side by side.
+    pub partial_slip: bool,
     /// Steps that were timed one by one.
     pub steps: usize,
     /// Times of a step.

@@ -410,16 +410,18 @@ fn bench_gives_every_regime() {
     let directory = TestDirectory::new();
     let plain = directory.json("bench --triangles 528,2000 --steps 10000 --json");
     let stretched = directory
-        .json("bench --triangles 528 --steps 10000 --slip paper,consistent,exact --anisotropic --json");
+        .json("bench --triangles 528 --steps 10000 --slip paper,consistent,exact --anisotropic --partial-slip --json");
     let [plain, stretched] = [&plain, &stretched].map(|d| d["results"].as_array().unwrap());
-    assert_eq!((plain.len(), stretched.len()), (60, 30));
+    assert_eq!((plain.len(), stretched.len()), (60, 60));
     for (i, row) in plain.iter().enumerate() {
         assert_eq!(row["law"], ["decoupled", "coupled"][i / 15 % 2]);
         assert_eq!(row["slip"], ["paper", "consistent", "exact"][i / 5 % 3]);
     }
     for (i, row) in stretched.iter().enumerate() {
         assert_eq!(row["slip"], ["paper", "consistent", "exact"][i / 5 % 3]);
+        assert_eq!(row["partial_slip"], i / 15 % 2 == 1);
     }
+    assert!(plain.iter().all(|row| row["partial_slip"] == false));
     assert!(stretched.iter().all(|row| row["anisotropic"] == true));
     for row in plain.iter().chain(stretched) {
         let number = |key: &str| row[key].as_f64().unwrap();

@@ -225,6 +225,35 @@ fn jobs_and_shards_change_no_byte() {
     record.plan = other;
     record.save(&shards[0]).unwrap();
     assert!(complaint(&shards).contains("the spec (line 11) is another"));
+
+    // What would not merge does not begin.
+    let spec = directory.path().join("ball.toml");
+    fs::write(&spec, SPEC).unwrap();
+    let begun = |with: &Path| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
+        command
+            .arg("precompute")
+            .arg(&spec)
+            .args(["--shard", "2/5", "-o"])
+            .arg(directory.path().join("2.new"));
+        let output = command.arg("--merges-with").arg(with).stdin(Stdio::null()).output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let (code, message) = begun(&shards[0]);
+    assert!(code == Some(1) && message.contains("would not merge: the spec (line 11)"), "{code:?} {message}");
+    assert!(!directory.path().join("2.new").exists() && !directory.path().join("2.new.partial").exists());
+    let mut record = PathsRecord::open(&shards[1]).unwrap();
+    record.plan = PathsPlan { machine: Some("abacus".into()), ..prepare_plan(&spec) };
+    record.save(&shards[1]).unwrap();
+    let (code, message) = begun(&shards[1]);
+    assert!(code == Some(1) && message.contains("the kind of machine (abacus, now "), "{code:?} {message}");
+}
+
+/// What `precompute` asks of a spec's file.
+fn prepare_plan(spec: &Path) -> PathsPlan {
+    let read = Spec::read(spec).unwrap();
+    let simulation = read.simulation(spec).unwrap();
+    prepare::plan(&read, &simulation, spec).unwrap()
 }
 
 #[test]

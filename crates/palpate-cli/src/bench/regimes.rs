@@ -18,9 +18,16 @@ const STRIDE: f64 = 1e-4;
 /// s
 const PERIOD: f64 = 1e-3;
 
-/// Runs a regime for about `steps` steps, with this slip rule.
-pub fn run(body: &Body, rule: SlipRule, regime: &'static str, steps: usize, clock: &Clock) -> Row {
-    let new = || Contact::with_slip(body, rule, Ablation::None);
+/// Runs a regime for about `steps` steps, with this slip rule, and with two contact points side by side where slip is `partial`.
+pub fn run(
+    body: &Body,
+    rule: SlipRule,
+    partial: bool,
+    regime: &'static str,
+    steps: usize,
+    clock: &Clock,
+) -> Row {
+    let new = || Contact::with_slip(body, rule, Ablation::None).with_partial_slip(partial);
     let timed = match regime {
         // Two paths that never meet: one for batches, one for single steps.
         "slide-cold" => {
@@ -49,6 +56,7 @@ pub fn run(body: &Body, rule: SlipRule, regime: &'static str, steps: usize, cloc
         anisotropic: !body.is_isotropic(),
         law: if body.is_coupled() { "coupled" } else { "decoupled" },
         slip: rule.name(),
+        partial_slip: partial,
         steps: timed.singles.len(),
         evaluations_per_step: evaluations as f64 / n,
         crossings_per_step: crossings as f64 / n,

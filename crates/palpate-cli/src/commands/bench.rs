@@ -56,6 +56,9 @@ pub struct Args {
     /// Tubes that are 1.9 times as stiff laterally along the axis as around it
     #[arg(long)]
     anisotropic: bool,
+    /// Time each also with partial slip: two contact points side by side
+    #[arg(long)]
+    partial_slip: bool,
     #[command(flatten)]
     simulate: simulate::Options,
     /// Print JSON
@@ -103,12 +106,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             };
             let built = start.elapsed().as_secs_f64();
             console::note(&format!("{} triangles: built in {built:.1} s", body.elements().len()));
-            for rule in args.slip.iter().map(|s| s.rule()) {
-                let row = |regime| Row {
-                    anisotropic: args.anisotropic,
-                    ..run_regime(&body, rule, regime, steps, &clock)
-                };
-                rows.extend(REGIMES.map(row));
+            for partial in [false, true].into_iter().filter(|partial| args.partial_slip || !partial) {
+                for rule in args.slip.iter().map(|s| s.rule()) {
+                    let row = |regime| Row {
+                        anisotropic: args.anisotropic,
+                        ..run_regime(&body, rule, partial, regime, steps, &clock)
+                    };
+                    rows.extend(REGIMES.map(row));
+                }
             }
         }
     }
@@ -138,8 +143,9 @@ fn text(rows: &[Row]) -> String {
     lines[0].extend([format!("to {least}"), format!("to {}", first.1)]);
     for regime in REGIMES {
         let of = |r: &&Row| r.regime == regime;
-        let median = |triangles: usize, law: &str, slip: &str| {
-            let same = |r: &&Row| r.triangles == triangles && r.law == law && r.slip == slip;
+        let median = |triangles: usize, law: &str, slip: &str, partial: bool| {
+            let same =
+                |r: &&Row| (r.triangles, r.law, r.slip, r.partial_slip) == (triangles, law, slip, partial);
             let row = rows.iter().filter(of).find(same);
             row.map_or(f64::NAN, |r| r.times.median_ns)
         };
@@ -148,14 +154,14 @@ fn text(rows: &[Row]) -> String {
                 r.regime.to_owned(),
                 r.triangles.to_string(),
                 r.law.to_owned(),
-                r.slip.to_owned(),
+                format!("{}{}", r.slip, if r.partial_slip { ", partial" } else { "" }),
                 format!("{:.1}", r.times.median_ns),
                 format!("{:.0}", r.times.p99_ns),
                 format!("{:.0}", r.times.p999_ns),
                 format!("{:.2}", r.evaluations_per_step),
                 format!("{:.2}", r.crossings_per_step),
-                format!("{:.2}×", r.times.median_ns / median(least, r.law, r.slip)),
-                format!("{:.2}×", r.times.median_ns / median(r.triangles, first.0, first.1)),
+                format!("{:.2}×", r.times.median_ns / median(least, r.law, r.slip, r.partial_slip)),
+                format!("{:.2}×", r.times.median_ns / median(r.triangles, first.0, first.1, false)),
             ]
         }));
     }

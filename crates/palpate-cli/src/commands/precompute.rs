@@ -3,6 +3,8 @@
 use super::Failure;
 use crate::console;
 use crate::progress::Progress;
+use anyhow::anyhow;
+use palpate_build::paths_file::PathsRecord;
 use palpate_build::precompute::assemble::{self, Report};
 use palpate_build::precompute::prepare::{inputs_of, plan, prepare};
 use palpate_build::precompute::{Options, Prepared, Shard, Stopped, run};
@@ -20,7 +22,8 @@ use std::sync::atomic::AtomicBool;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  palpate precompute liver.toml -o liver.body\n  \
                         palpate precompute liver.toml -o liver.body --resume\n  \
-                        palpate precompute liver.toml -o liver-1.paths --shard 1/4\n\n\
+                        palpate precompute liver.toml -o liver-1.paths --shard 1/4\n  \
+                        palpate precompute liver.toml -o liver-2.paths --shard 2/4 --merges-with liver-1.paths\n\n\
                         Exit status: 0 done, 1 wrong input, 2 wrong usage, 130 stopped by a signal.")]
 pub struct Args {
     /// Spec
@@ -38,6 +41,9 @@ pub struct Args {
     /// Only the I-th of N shares of the test points, for `palpate merge`
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
+    /// Do not begin unless the shard will merge with this one: same spec, files, program and kind of machine
+    #[arg(long, value_name = "SHARD.paths", requires = "shard")]
+    merges_with: Option<PathBuf>,
     /// Print the report as JSON
     #[arg(long)]
     json: bool,
@@ -60,6 +66,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     files::refuse_overwrite(&[&args.output, &record][usize::from(args.shard.is_some())..], &inputs)?;
     files::check_target(&args.output)?;
     let plan = plan(&spec, &simulation, &args.spec)?;
+    if let Some(other) = &args.merges_with
+        && let Some(what) = PathsRecord::open(other)?.plan.difference(&plan)
+    {
+        let hint = "give the same spec and files, on a machine of the same kind";
+        return Err(anyhow!("{}: would not merge: {what} differs; {hint}", other.display()).into());
+    }
+    if let (Some(_), Some(kind)) = (args.shard, &plan.machine) {
+        console::note(&format!("made on {kind}: shards of machines of other kinds do not merge with it"));
+    }
 
     static CANCELLED: AtomicBool = AtomicBool::new(false);
     console::stop_on_signals(&CANCELLED)?;

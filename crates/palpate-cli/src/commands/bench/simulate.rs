@@ -30,7 +30,7 @@ pub struct Options {
         long,
         num_args = 3,
         value_names = ["NODES.csv", "TET10.csv", "PATCH.csv"],
-        conflicts_with_all = ["triangles", "anisotropic"],
+        conflicts_with_all = ["triangles", "anisotropic", "partial_slip"],
         help_heading = "Simulation"
     )]
     simulate: Vec<PathBuf>,
