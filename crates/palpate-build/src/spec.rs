@@ -116,6 +116,19 @@ struct RawBody {
 }
 
 impl Spec {
+    /// What paths that are simulated depend on, as text: the spec without how it is fitted and slips, and without its test points, unless
+    /// they are named: around a few of these the mesh is finer.
+    pub fn without_fit(&self) -> String {
+        let Ok(mut tables) = self.text.parse::<toml::Table>() else { return self.text.clone() };
+        tables.remove("fit");
+        tables.remove("slip");
+        let named = tables.get("test_points").is_some_and(|points| points.get("at_mm").is_some());
+        if !named {
+            tables.remove("test_points");
+        }
+        tables.to_string()
+    }
+
     /// Reads and checks a spec.
     ///
     /// # Errors

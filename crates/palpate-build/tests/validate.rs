@@ -804,6 +804,28 @@ fn kept_paths_are_not_simulated_again() {
     assert_eq!(run("b").1, PATHS);
 }
 
+/// A body with other test points or another fit is judged by the paths that are there; another tissue or mesh is not.
+#[test]
+fn kept_paths_do_not_depend_on_how_a_body_is_fitted() {
+    let told = |from: &str, to: &str| {
+        assert!(SPEC.contains(from));
+        Spec::parse("ball.toml".as_ref(), SPEC.replacen(from, to, 1)).unwrap().without_fit()
+    };
+    let plain = told("", "");
+    for (from, to) in [
+        ("count = 4", "every_node = true"),
+        ("[mesh]", "# a comment\n[fit]\nlaw = \"decoupled\"\n[mesh]"),
+        ("[mesh]", "[slip]\nrule = \"exact\"\n[mesh]"),
+    ] {
+        assert_eq!(told(from, to), plain, "{to}");
+    }
+    for (from, to) in
+        [("count = 4", "at_mm = [[0, 0, 30]]"), ("size_mm = 12", "size_mm = 11"), ("20e3", "9e3")]
+    {
+        assert_ne!(told(from, to), plain, "{to}");
+    }
+}
+
 /// A simulator whose surface moves `scale` times as much as the body's own.
 struct Moving<'b> {
     body: &'b Body,

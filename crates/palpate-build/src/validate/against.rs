@@ -111,8 +111,11 @@ pub fn validate_against(
         .build()
         .map_err(|e| anyhow!("{jobs} threads can't be started ({e}); give fewer"))?;
     let inputs = inputs_of(spec, simulation);
-    let kept =
-        asked.kept.as_ref().map(|file| Kept::open(&simulator, file, &spec.text, &inputs)).transpose()?;
+    let kept = asked
+        .kept
+        .as_ref()
+        .map(|file| Kept::open(&simulator, file, &spec.without_fit(), &inputs))
+        .transpose()?;
     // From here on nothing goes back before `end`.
     progress.begin(trial.paths, 0);
     let source: &dyn Simulator = kept.as_ref().map_or(&simulator, |kept| kept);
