@@ -80,7 +80,7 @@ fn sticking_potentials_predict_slip_with_and_without_friction() {
         let row = |what: &str, errors: &Errors| {
             let [[n, n95], [l, l95]] = errors.quantiles();
             println!("{name:>20} {what:>20} {n:>9.2} {n95:>8.2} {l:>9.2} {l95:>8.2}");
-            [n, l]
+            [n, n95, l, l95]
         };
         let compare = |body: &Body, states: &[State], from: usize| {
             let states: Vec<&State> = states.iter().collect();
@@ -111,10 +111,17 @@ fn sticking_potentials_predict_slip_with_and_without_friction() {
             drags.lateral.extend(one.lateral);
         }
         let dragged = row("drags, Coulomb 0.3", &drags);
+        // With a test point at every node 1 and 3 % along the normal, 3 and 8 % across it are the aims; docs/performance.md has what is.
         if rule == SlipRule::default() {
-            assert!(free[0] <= 1.0 && free[1] <= 2.0, "{free:?}");
-            assert!(pressed[0] <= 1.0 && pressed[1] <= 2.0, "{pressed:?}");
-            assert!(dragged[0] <= 1.5 && dragged[1] <= 6.0, "{dragged:?}");
+            let within = |found: [f64; 4], most: [f64; 4]| {
+                assert!(
+                    found.iter().zip(most).all(|(found, most)| *found <= most),
+                    "{name}: {found:?}, {most:?}"
+                );
+            };
+            within(free, [0.8, 2.5, 1.2, 2.0]);
+            within(pressed, if partial { [0.3, 0.5, 1.7, 3.5] } else { [0.3, 0.5, 0.5, 1.1] });
+            within(dragged, if partial { [1.0, 1.8, 3.1, 6.0] } else { [1.0, 1.8, 3.0, 6.5] });
         }
         assert!(drags.normal.len() >= 8, "the contact left the patch: {} states", drags.normal.len());
     }

@@ -282,7 +282,7 @@ fn nothing_that_a_step_calls_can_panic_allocate_lock_or_wait() {
     let step = find("palpate_engine7contact7Contact4step").unwrap();
     let reached = reachable(&all, &step).unwrap_or_else(|e| panic!("{e}"));
     assert!(reached.iter().any(|f| f.contains("slip")), "the slip search is part of it: {reached:?}");
-    let each = reached.iter().filter(|f| f.contains("Contact7step_as")).count();
+    let each = reached.iter().filter(|f| f.contains("Contact7step_as17h")).count();
     assert_eq!(each, 3 * 3, "isotropic, anisotropic and coupled bodies, three slip rules: {reached:?}");
 
     // That the check can fail: making a body allocates.
