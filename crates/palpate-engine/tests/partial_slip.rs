@@ -176,8 +176,11 @@ fn beside(body: &Body, rule: SlipRule) -> (Contact, [Contact; 2]) {
     (contact().with_partial_slip(true), apart)
 }
 
+/// Where a tool is that is so far along a surface (m) and so deep (m).
+type Way = fn(f64, f64) -> DVec3;
+
 /// A tube and a sheet that end 20 mm from the middle, with the tool's position so far along and so deep.
-fn open_bodies() -> [(Body, fn(f64, f64) -> DVec3); 2] {
+fn open_bodies() -> [(Body, Way); 2] {
     let side = |s: f64, depth: f64| DVec3::new(0.995, 0.1, 0.0) * (0.0299 - depth) + DVec3::Z * s;
     [
         (uniform(&cylinder(0.03, 0.04, 48, 20), 600.0, 200.0, 0.5), side),

@@ -119,7 +119,7 @@ fn a_patch_holds_both_contact_points_of_partial_slip() {
 fn two_contact_points_far_apart_get_a_patch_that_holds_both() {
     let body = Arc::new(uniform(&patch(0.1, 300), 600.0, 60.0, 20.0).with_partial_slip(true));
     let (mut patch_holder, mut finder) = patch_holder(body.clone(), [0.0; 3], ELEMENTS).unwrap();
-    let mut contact = Contact::new(&*body);
+    let mut contact = Contact::new(&body);
     let at = |x: f64, depth: f64| ToolState::at([x, 1e-4, -depth]);
     contact.step(patch_holder.patch().model(), &at(0.0, -1e-3), 1e-3);
     // The finder is stalled.
