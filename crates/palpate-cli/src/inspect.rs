@@ -8,6 +8,7 @@ use palpate_body::{
 };
 use palpate_build::validate::{median, percentile};
 use serde::Serialize;
+use std::collections::HashSet;
 
 /// What `palpate inspect --json` prints.
 #[derive(Debug, Clone, Serialize)]
@@ -365,7 +366,12 @@ fn over_depth(end: f64, name: String, value: impl Fn(f64) -> f64) -> Line {
 
 fn coupled_charts(body: &Body, law: &CoupledLaw) -> [(&'static str, Vec<LineChart>); 3] {
     let end = body.responses().depth_knots().values().last().copied().unwrap_or_default();
-    let mut order: Vec<usize> = (0..law.potentials.len()).collect();
+    // The others' potentials are made from those of the places that were simulated, where it is known which they are.
+    let simulated: HashSet<u32> = body.provenance().potential_errors.iter().map(|p| p.node).collect();
+    let counts = |&t: &usize| {
+        simulated.is_empty() || body.test_point_nodes().get(t).is_some_and(|n| simulated.contains(n))
+    };
+    let mut order: Vec<usize> = (0..law.potentials.len()).filter(counts).collect();
     let force = |t: usize| law.potentials[t].press.slope(end);
     order.sort_by(|&a, &b| force(b).total_cmp(&force(a)));
     let shown: Vec<usize> = spread(order.len(), LINES).map(|i| order[i]).collect();
@@ -374,7 +380,7 @@ fn coupled_charts(body: &Body, law: &CoupledLaw) -> [(&'static str, Vec<LineChar
         let [x, y, z] = at.map_or([0.0; 3], |node| (node.position * 1e3).to_array());
         format!("{t} at ({x:.1}, {y:.1}, {z:.1}) mm")
     };
-    let of = format!("{} of {} test points", shown.len(), law.potentials.len());
+    let of = format!("{} of {} test points", shown.len(), order.len());
     let depth = "normal deflection (mm)";
     let chart = |what: &str, y: &str, values: &dyn Fn(&Potential, f64) -> f64| {
         let line = |t: usize| over_depth(end, name(t), |d| values(&law.potentials[t], d));

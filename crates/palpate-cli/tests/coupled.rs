@@ -5,7 +5,7 @@ mod common;
 mod potentials;
 
 use common::TestDirectory;
-use palpate_body::{Body, BodyParts, CoupledLaw, Potential};
+use palpate_body::{Body, BodyParts, CoupledLaw, Potential, PotentialErrors};
 
 /// A block with a coupled law of 4 test points, `coupled.body`.
 fn directory() -> TestDirectory {
@@ -31,6 +31,25 @@ fn directory() -> TestDirectory {
             .unwrap();
     body.save(&directory.path("coupled.body")).unwrap();
     directory
+}
+
+/// Of a body from a simulation, the places that were simulated: the others' potentials are made from theirs.
+#[test]
+fn plots_are_of_what_was_simulated() {
+    let mut parts = Body::open(&directory().path("coupled.body")).unwrap().parts();
+    let titles = |parts: &BodyParts| {
+        let charts = palpate_cli::inspect::charts(&Body::new(parts.clone()).unwrap());
+        let (_, normal) = charts.into_iter().find(|(name, _)| name.starts_with("normal")).unwrap();
+        (normal[0].title.clone(), normal[0].lines.iter().map(|l| l.name.clone()).collect::<Vec<_>>())
+    };
+    let (title, lines) = titles(&parts);
+    assert!(title.ends_with("4 of 4 test points") && lines.len() == 4, "{title} {lines:?}");
+    let errors = [0, 10].map(|node| PotentialErrors { node, ..PotentialErrors::default() });
+    parts.provenance.potential_errors = errors.into();
+    let (title, mut lines) = titles(&parts);
+    lines.sort();
+    assert!(title.ends_with("2 of 2 test points") && lines.len() == 2, "{title} {lines:?}");
+    assert!(lines[0].starts_with("0 at") && lines[1].starts_with("2 at"), "{lines:?}");
 }
 
 #[test]
