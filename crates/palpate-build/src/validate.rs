@@ -504,7 +504,7 @@ impl Leg {
 }
 
 /// For each node of the body whether it is held: whether the nearest of the simulated surface's nodes, given as (position, held), is.
-pub fn held_nodes(body: &Body, surface: impl Iterator<Item = (DVec3, bool)>) -> Vec<bool> {
+fn held_as_simulated(body: &Body, surface: impl Iterator<Item = (DVec3, bool)>) -> Vec<bool> {
     let mut nodes: Vec<(DVec3, bool)> = surface.collect();
     nodes.sort_by(|a, b| a.0.x.total_cmp(&b.0.x));
     let is_held = |p: DVec3| {

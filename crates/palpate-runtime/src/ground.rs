@@ -12,7 +12,7 @@ pub trait Ground {
     fn knows(&self, position_m: [f64; 3], radius_m: f64) -> bool;
 
     /// What acts on the tool at `pose`, `dt_s` after the last: the engine's step, or `None` where the tool
-    /// must wait for the ground. Whatever else renders a wrench from a pose puts its own in this place.
+    /// must wait for the ground ([`Contact::step_where`]). Whatever else renders a wrench from a pose puts its own in this place.
     ///
     /// # Real-time
     /// A step of the engine; another must be as bounded and allocate as little.
@@ -20,7 +20,8 @@ pub trait Ground {
     where
         Self: Sized,
     {
-        step(self, contact, pose, dt_s)
+        let radius_m = self.model().tool().radius_m();
+        contact.step_where(self.model(), pose, dt_s, |at| self.knows(at, radius_m))
     }
 }
 
@@ -42,15 +43,4 @@ impl Ground for Patch {
     fn knows(&self, position_m: [f64; 3], radius_m: f64) -> bool {
         Patch::knows(self, position_m, radius_m)
     }
-}
-
-/// The engine's step on this ground, or `None` where the tool must wait for it: see [`Contact::step_where`].
-pub(crate) fn step<G: Ground>(
-    ground: &G,
-    contact: &mut Contact,
-    pose: &ToolState,
-    dt_s: f64,
-) -> Option<Output> {
-    let radius = ground.model().tool().radius_m();
-    contact.step_where(ground.model(), pose, dt_s, |at| ground.knows(at, radius))
 }

@@ -3,8 +3,8 @@
 use super::compliance::{compliance_prior, rest_compliance};
 use super::elements::Elements;
 use super::run::{Prepared, Rounds};
-use super::supports::{held_nodes, hold_surface, no_group};
-use super::touched::{NEEDLESS, TouchedSurface, affordable, choose, one_for_each_vertex};
+use super::supports::{extent, held_nodes, hold_surface, no_group};
+use super::touched::{TouchedSurface, affordable, choose, one_for_each_vertex};
 use super::{assemble, volume};
 use crate::paths_file::{PathsPlan, Point, Scene, TestPoint};
 use crate::spec::{
@@ -176,9 +176,7 @@ pub fn prepare(
         let hold = |surface: &Surface, held: &mut [bool]| {
             simulation.fixed.iter().try_for_each(|support| hold_surface(support, surface, tolerance_m, held))
         };
-        while touched.vertices() < count as usize && touched.edge_m() > NEEDLESS * radius_m {
-            touched = touched.divided(spec, simulation, path, hold)?;
-        }
+        touched = touched.with_vertices(count as usize, radius_m, spec, simulation, path, hold)?;
         if touched.vertices() > before {
             notes.push(format!(
                 "there are more test points than nodes that can be touched: triangles are divided by their edges' middles, {before} nodes become {}",
@@ -287,14 +285,6 @@ fn smooth_boundary(
             if stay > 0 { format!("; {stay} stay, for the elements' sake") } else { String::new() }
         )
     })
-}
-
-/// Least and greatest coordinates, as text in mm.
-pub fn extent<'a>(positions: impl Iterator<Item = &'a DVec3>) -> (String, String) {
-    let (low, high) =
-        positions.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)));
-    let text = |p: DVec3| format!("({:.2}, {:.2}, {:.2})", p.x * 1e3, p.y * 1e3, p.z * 1e3);
-    (text(low), text(high))
 }
 
 /// Gives each element the index of its material.

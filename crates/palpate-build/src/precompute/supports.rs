@@ -1,6 +1,5 @@
 //! What holds the body: nodes of its volume mesh, and of a surface of its own.
 
-use super::prepare::extent;
 use crate::spec::{Fixed, Selection};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
@@ -100,4 +99,12 @@ pub fn nearest(at: DVec3, positions: impl Iterator<Item = DVec3>, within_m: f64)
     let distances = positions.map(|p| p.distance_squared(at)).enumerate();
     let (n, d) = distances.min_by(|a, b| a.1.total_cmp(&b.1))?;
     (d <= within_m * within_m).then_some(n as u32)
+}
+
+/// Least and greatest coordinates, as text in mm.
+pub fn extent<'a>(positions: impl Iterator<Item = &'a DVec3>) -> (String, String) {
+    let (low, high) =
+        positions.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)));
+    let text = |p: DVec3| format!("({:.2}, {:.2}, {:.2})", p.x * 1e3, p.y * 1e3, p.z * 1e3);
+    (text(low), text(high))
 }

@@ -1,8 +1,7 @@
 //! The part of the surface that is touched, and the test points on it.
 
 use super::assemble;
-use super::prepare::extent;
-use super::supports::nearest;
+use super::supports::{extent, nearest};
 use crate::spec::{COUNT, Simulation, Spec, TestPoints};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
@@ -12,7 +11,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
 /// In parts of the tool's radius: test points nearer to each other than that are told the same.
-pub const NEEDLESS: f64 = 0.3;
+const NEEDLESS: f64 = 0.3;
 
 /// The surface that is touched, as it is divided for test points.
 pub struct TouchedSurface {
@@ -53,8 +52,27 @@ impl TouchedSurface {
         one_for_each_vertex(&self.surface, &self.open).len()
     }
 
+    /// Divided as often as it takes to have `count` vertices that can be touched, but not to edges of less than [`NEEDLESS`].
+    ///
+    /// # Errors
+    /// A surface that can't be, or whatever `hold` refuses, which marks the nodes that a support holds.
+    pub fn with_vertices(
+        mut self,
+        count: usize,
+        radius_m: f64,
+        spec: &Spec,
+        simulation: &Simulation,
+        path: &Path,
+        hold: impl Fn(&Surface, &mut [bool]) -> Result<()>,
+    ) -> Result<Self> {
+        while self.vertices() < count && self.edge_m() > NEEDLESS * radius_m {
+            self = self.divided(spec, simulation, path, &hold)?;
+        }
+        Ok(self)
+    }
+
     /// The mean edge of triangles that can be touched, m; 0 if there are none.
-    pub fn edge_m(&self) -> f64 {
+    fn edge_m(&self) -> f64 {
         let open = self.triangles.triangles.iter().filter(|t| t.iter().all(|&n| self.open[n as usize]));
         let at = |n: u32| self.triangles.positions[n as usize];
         let lengths =
@@ -65,7 +83,7 @@ impl TouchedSurface {
 
     /// Each triangle as four, with nodes in the middles of edges on the smooth surface after the others. Those are held that lie between two
     /// that are, or where a support is.
-    pub fn divided(
+    fn divided(
         self,
         spec: &Spec,
         simulation: &Simulation,

@@ -1,7 +1,7 @@
 //! A body against the spec that it was made from.
 
 use super::{
-    History, Kept, SimulatedSurface, Simulator, Trial, Validation, held_nodes, validate_at_places_of,
+    History, Kept, SimulatedSurface, Simulator, Trial, Validation, held_as_simulated, validate_at_places_of,
 };
 use crate::Progress;
 use crate::precompute::Prepared;
@@ -86,7 +86,7 @@ pub fn validate_against(
     let boundary = &model.boundary().nodes;
     let places_of = asked.places_of.as_ref().unwrap_or(body);
     let held = boundary.iter().map(|&n| (model.mesh().positions[n as usize], model.is_held(n)));
-    let held = held_nodes(places_of, held);
+    let held = held_as_simulated(places_of, held);
     let trial = Trial {
         history: asked.history,
         paths: asked.paths,

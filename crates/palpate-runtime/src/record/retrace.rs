@@ -1,7 +1,7 @@
 //! The engine's steps of a recording, once more.
 
 use super::Record;
-use crate::ground::step;
+use crate::ground::Ground;
 use crate::live_session::serves_any_rule;
 use palpate_body::{BodyError, BodySource, ContactModel, Patch, Result};
 use palpate_engine::{Contact, Output};
@@ -64,7 +64,7 @@ impl<'a> Retrace<'a> {
             return Ok(Some(self.contact.step(whole, &pose, dt)));
         };
         // As the loop did: what came from beyond the patch is forgotten. A record of a step is of one that was taken.
-        let taken = step(patch, &mut self.contact, &pose, dt);
+        let taken = Ground::step(patch, &mut self.contact, &pose, dt);
         let mut output = taken.unwrap_or_else(|| self.contact.step(patch.model(), &pose, dt));
         if let Some(contact) = &mut output.contact {
             contact.element = patch.global(contact.element);
