@@ -52,7 +52,8 @@ impl TouchedSurface {
         one_for_each_vertex(&self.surface, &self.open).len()
     }
 
-    /// Divided as often as it takes to have `count` vertices that can be touched, but not to edges of less than [`NEEDLESS`].
+    /// Divided as often as it takes to have `count` vertices that can be touched, but not to edges of less than 0.3 of the tool's
+    /// radius: test points nearer to each other than that are told the same.
     ///
     /// # Errors
     /// A surface that can't be, or whatever `hold` refuses, which marks the nodes that a support holds.
