@@ -116,15 +116,17 @@ struct RawBody {
 }
 
 impl Spec {
-    /// What paths that are simulated depend on, as text: the spec without how it is fitted and slips, and without its test points, unless
-    /// they are named: around a few of these the mesh is finer.
+    /// What paths that are simulated depend on, as text: the spec without how it is fitted and slips, and of its test points only their
+    /// places, by which the mesh is finer in parts.
     pub fn without_fit(&self) -> String {
         let Ok(mut tables) = self.text.parse::<toml::Table>() else { return self.text.clone() };
         tables.remove("fit");
         tables.remove("slip");
-        let named = tables.get("test_points").is_some_and(|points| points.get("at_mm").is_some());
-        if !named {
-            tables.remove("test_points");
+        if let Some(points) = tables.get_mut("test_points").and_then(toml::Value::as_table_mut) {
+            points.retain(|key, _| ["at_mm", "box_mm"].contains(&key));
+            if points.is_empty() {
+                tables.remove("test_points");
+            }
         }
         tables.to_string()
     }

@@ -819,9 +819,12 @@ fn kept_paths_do_not_depend_on_how_a_body_is_fitted() {
     ] {
         assert_eq!(told(from, to), plain, "{to}");
     }
-    for (from, to) in
-        [("count = 4", "at_mm = [[0, 0, 30]]"), ("size_mm = 12", "size_mm = 11"), ("20e3", "9e3")]
-    {
+    for (from, to) in [
+        ("count = 4", "at_mm = [[0, 0, 30]]"),
+        ("count = 4", "box_mm = [[-9, -9, 0], [9, 9, 99]]\ncount = 4"),
+        ("size_mm = 12", "size_mm = 11"),
+        ("20e3", "9e3"),
+    ] {
         assert_ne!(told(from, to), plain, "{to}");
     }
 }

@@ -5,7 +5,7 @@ use palpate_body::TriangleMesh;
 use palpate_body::shape::{Resolution, Shape};
 use palpate_simulate::mesh::distance::SignedDistance;
 use palpate_simulate::mesh::shape::fill as fill_shape;
-use palpate_simulate::mesh::stuffing::{Ball, Expected, FillOptions, FillReport, fill, fill_distance};
+use palpate_simulate::mesh::stuffing::{Expected, FillOptions, FillReport, Finer, fill, fill_distance};
 use palpate_simulate::mesh::{EDGES, FACES, TetMesh};
 use std::collections::HashMap;
 use std::path::Path;
@@ -218,7 +218,7 @@ fn a_cylinder_is_round_between_flat_ends() {
 #[test]
 fn elements_are_finer_where_asked() {
     let tip = DVec3::new(0.0, 0.0, 0.025);
-    let finer = vec![Ball { centre: tip, radius_m: 0.006, edge_m: 0.001 }];
+    let finer = vec![Finer::around(tip, 0.006, 0.001)];
     let (mesh, report) = fill_shape(&BLOCK, &FillOptions { finer: finer.clone(), ..options(8.0) }).unwrap();
     print("block 8 mm, finer", &report);
     check(&mesh, &report, 2);
@@ -234,13 +234,44 @@ fn elements_are_finer_where_asked() {
     for (name, shape, tip) in
         [("sphere", SPHERE, DVec3::new(0.0, 0.05, 0.0)), ("cylinder", CYLINDER, DVec3::new(0.0, 0.05, 0.0))]
     {
-        let finer = vec![Ball { centre: tip, radius_m: 0.006, edge_m: 0.002 }];
+        let finer = vec![Finer::around(tip, 0.006, 0.002)];
         let (mesh, report) = fill_shape(&shape, &FillOptions { finer, ..options(10.0) }).unwrap();
         print(&format!("{name} 10 mm, finer"), &report);
         check(&mesh, &report, 2);
         assert!(near(&mesh, tip) < 0.005, "{}", near(&mesh, tip));
         assert!(report.least_angle_deg > 2.0, "{}", report.least_angle_deg);
     }
+}
+
+/// All of a block's top has small elements where a box says so, and little else has.
+#[test]
+fn elements_are_finer_around_a_box() {
+    let top = Finer {
+        low: DVec3::new(-0.02, -0.02, 0.025),
+        high: DVec3::new(0.02, 0.02, 0.025),
+        within_m: 0.004,
+        edge_m: 0.003,
+    };
+    let finer = |finer| fill_shape(&BLOCK, &FillOptions { finer, ..options(12.0) }).unwrap();
+    let (mesh, report) = finer(vec![top]);
+    print("block 12 mm, finer under its top", &report);
+    check(&mesh, &report, 2);
+    let mut found = [0, 0];
+    for element in &mesh.elements {
+        let p: [DVec3; 4] = std::array::from_fn(|i| mesh.positions[element[i] as usize]);
+        let middle = p.iter().sum::<DVec3>() / 4.0;
+        let longest = EDGES.map(|[a, b]| p[a].distance(p[b])).into_iter().fold(0.0, f64::max);
+        if middle.truncate().abs().max_element() < 0.02 && middle.z > 0.021 {
+            assert!(longest < 0.0048, "{longest} at {middle}");
+            found[0] += 1;
+        } else if middle.z < 0.0 {
+            found[1] += 1;
+        }
+    }
+    assert!(found[0] > 1000 && found[0] > found[1], "{found:?}");
+    let everywhere = FillOptions { finer: Vec::new(), ..options(3.0) };
+    let (_, all) = fill_shape(&BLOCK, &everywhere).unwrap();
+    assert!(2 * report.nodes < all.nodes, "{} of {}", report.nodes, all.nodes);
 }
 
 #[test]
@@ -320,12 +351,10 @@ fn options_that_make_no_sense_are_refused() {
     refused(options(f64::NAN), "element_size_mm");
     refused(options(1e-3), "give a larger size");
     refused(FillOptions { interior_edge_m: 0.001, ..options(8.0) }, "interior_size_mm");
-    let ball = Ball { centre: DVec3::NAN, radius_m: 0.01, edge_m: 0.001 };
-    refused(FillOptions { finer: vec![ball], ..options(8.0) }, "finer");
-    refused(
-        FillOptions { finer: vec![Ball { centre: DVec3::ZERO, edge_m: 1e-9, ..ball }], ..options(8.0) },
-        "finer",
-    );
+    let refused_place = |place| refused(FillOptions { finer: vec![place], ..options(8.0) }, "finer");
+    refused_place(Finer::around(DVec3::NAN, 0.01, 0.001));
+    refused_place(Finer::around(DVec3::ZERO, 0.01, 1e-9));
+    refused_place(Finer { high: DVec3::NEG_X, ..Finer::around(DVec3::ZERO, 0.01, 0.001) });
 }
 
 /// The smoothed liver of SOFA, in cm, if it is there.

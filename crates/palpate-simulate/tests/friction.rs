@@ -6,7 +6,7 @@ mod support;
 use glam::{DQuat, DVec3};
 use palpate_body::shape::Shape;
 use palpate_simulate::mesh::shape::fill;
-use palpate_simulate::mesh::stuffing::{Ball, FillOptions};
+use palpate_simulate::mesh::stuffing::{FillOptions, Finer};
 use palpate_simulate::{
     Contact, Drag, FreePlan, FreePose, Material, Model, Path, PointPaths, PointPlan, RigidTool, StuckTangent,
 };
@@ -28,7 +28,7 @@ fn half_space(poisson: f64) -> Model {
     let block = Shape::Block { size_mm: [1e3 * side, 0.5e3 * side, 0.5e3 * side] };
     let centre = DVec3::new(0.0, -0.25, 0.25) * side;
     let mut options = FillOptions::new(side / 4.0);
-    options.finer.push(Ball { centre, radius_m: 1.1 * contact, edge_m: contact / 2.0 });
+    options.finer.push(Finer::around(centre, 1.1 * contact, contact / 2.0));
     let (mut mesh, _) = fill(&block, &options).unwrap();
     mesh.positions.iter_mut().for_each(|p| *p -= centre);
     println!("{} nodes", mesh.positions.len());

@@ -5,7 +5,7 @@ mod support;
 use glam::DVec3;
 use palpate_body::shape::Shape;
 use palpate_simulate::mesh::shape::fill;
-use palpate_simulate::mesh::stuffing::{Ball, FillOptions};
+use palpate_simulate::mesh::stuffing::{FillOptions, Finer};
 use palpate_simulate::{Contact, Fixed, Material, Model, PointPlan, RigidTool, TetMesh};
 use std::sync::atomic::AtomicBool;
 use support::{hold, moved, quarter_disc};
@@ -21,7 +21,7 @@ fn sphere(radius_m: f64, contact_m: f64, edge_m: f64, poisson: f64, depths: &[f6
     let block = Shape::Block { size_mm: [1e3 * side_m; 3] };
     let corner = DVec3::new(-0.5, -0.5, 0.5) * side_m;
     let mut options = FillOptions::new((side_m / 4.0).min(250.0 * edge_m));
-    options.finer.push(Ball { centre: corner, radius_m: 1.2 * contact_m, edge_m });
+    options.finer.push(Finer::around(corner, 1.2 * contact_m, edge_m));
     let (mesh, _) = fill(&block, &options).unwrap();
     let fixed = hold(&mesh, |p| {
         let bottom = p.z < -0.5 * side_m * (1.0 - 1e-9);
@@ -92,6 +92,46 @@ fn table_of_sphere() {
             println!("| {poisson} | {per_radius} | {:+.2} % |", 100.0 * error);
         }
     }
+}
+
+/// How far forces of one depth are from their mean at two places on a block that only the elements under them tell apart: a ball of
+/// 6 mm, sticking, on elements of that edge (mm) around the places.
+fn spread_over_places(edge_mm: f64, depths_mm: &[f64]) -> Vec<f64> {
+    let block = Shape::Block { size_mm: [48.0, 48.0, 24.0] };
+    let top = DVec3::Z * 0.012;
+    let mut options = FillOptions::new(6e-3);
+    options.finer.push(Finer::around(top, 8e-3, 1e-3 * edge_mm));
+    let (mesh, _) = fill(&block, &options).unwrap();
+    let fixed = hold(&mesh, |p| [p.z < -0.012 * (1.0 - 1e-9); 3]);
+    println!("elements of {edge_mm} mm: {} nodes", mesh.positions.len());
+    let model = Model::new(mesh, vec![Material::neo_hookean(5e3, 0.45).unwrap()], &fixed).unwrap();
+    // A corner of an element, and within one.
+    let places = [top, top + DVec3::new(2.5e-3, 1.25e-3, 0.0)];
+    let forces = places.map(|point| {
+        let depths = depths_mm.iter().map(|d| 1e-3 * d).collect();
+        let plan = PointPlan { point, inward: DVec3::NEG_Z, depths, drags: vec![] };
+        let tool = RigidTool::Sphere { radius_m: 6e-3 };
+        let press = model.simulate(&tool, Contact::Sticking, &plan, &AtomicBool::new(false)).unwrap().press;
+        press.states.iter().map(|state| -state.force_n.z).collect::<Vec<f64>>()
+    });
+    let spread = |(i, depth): (usize, &f64)| {
+        let [one, other] = [0, 1].map(|place| forces[place][i]);
+        let spread = (one - other).abs() / (one + other);
+        println!("{depth} mm deep: {one:.4} and {other:.4} N, ±{:.1} %", 100.0 * spread);
+        spread
+    };
+    depths_mm.iter().enumerate().map(spread).collect()
+}
+
+/// With elements of half the ball's radius, as a spec has them where it says nothing, a place's force is its own to 1 %, from a fifth
+/// of the radius on; with elements as long as the radius it is the mesh's, by several per cent.
+#[test]
+fn forces_do_not_depend_on_where_the_elements_lie() {
+    let depths = [1.2, 2.4, 3.6];
+    let half = spread_over_places(3.0, &depths);
+    let whole = spread_over_places(6.0, &depths);
+    assert!(half.iter().all(|s| *s < 0.01));
+    assert!(whole.iter().any(|s| *s > 0.03));
 }
 
 /// A punch's radius a, and how deep it is pressed, m.

@@ -2,7 +2,7 @@
 //! mesh's boundary.
 
 use super::prepare::layers;
-use crate::spec::{Contact, Geometry, Simulation, Spec, TestPoints, ToolShape};
+use crate::spec::{Contact, Geometry, Place, Simulation, Spec, TestPoints, ToolShape};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
 use palpate_body::TriangleMesh;
@@ -13,7 +13,7 @@ use palpate_simulate::TetMesh;
 use palpate_simulate::mesh::Boundary;
 use palpate_simulate::mesh::import::{Imported, read_any};
 use palpate_simulate::mesh::shape::fill as fill_shape;
-use palpate_simulate::mesh::stuffing::{Ball, FillOptions, FillReport, fill};
+use palpate_simulate::mesh::stuffing::{FillOptions, FillReport, Finer, fill};
 use std::path::Path;
 
 /// What a body is touched on and solved in.
@@ -41,8 +41,10 @@ pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Sourc
         Some(Geometry::Shape(shape, resolution)) => {
             let triangles = shape.mesh(*resolution).map_err(|e| e.in_file(path))?;
             // Regions want elements of their own size.
-            let flat = matches!(shape, Shape::Block { .. }) && simulation.regions.is_empty();
-            let mut options = options(simulation, &triangles, flat, path, &mut notes)?;
+            let block = matches!(shape, Shape::Block { .. });
+            let (sizes, flat) =
+                (finer(simulation, &triangles, block)?, block && simulation.regions.is_empty());
+            let mut options = options(simulation, &triangles, sizes, flat, path, &mut notes)?;
             let half_height = match shape {
                 Shape::Block { size_mm } => size_mm[2] / 2e3,
                 Shape::Cylinder { length_mm, .. } => length_mm / 2e3,
@@ -68,7 +70,8 @@ pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Sourc
                         .map_err(|e| e.in_file(file))?;
                     let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned();
                     notes.extend(report.notes.iter().map(|note| format!("{name}: {note}")));
-                    let options = options(simulation, &triangles, false, path, &mut notes)?;
+                    let sizes = finer(simulation, &triangles, false)?;
+                    let options = options(simulation, &triangles, sizes, false, path, &mut notes)?;
                     let filled =
                         fill(&triangles, &options).map_err(|e| anyhow!("{}: {e}", file.display()))?;
                     (triangles, filled, options.surface_edge_m)
@@ -110,11 +113,31 @@ const NODES: f64 = 150e3;
 /// Meshes beyond this are refused.
 const MAX_NODES: f64 = 3e6;
 
+/// Where elements are smaller than elsewhere, if the spec leaves their size open: around a few named test points, and in a block
+/// under the part of it that is touched. Cells of several sizes cost a block nothing; cut by a curved surface their angles suffer.
+fn finer(simulation: &Simulation, surface: &TriangleMesh, block: bool) -> Result<Vec<Finer>> {
+    if simulation.mesh.element_size_m.is_some() {
+        return Ok(Vec::new());
+    }
+    let tool = tool_radius(simulation)?;
+    Ok(match (&simulation.test_points, simulation.touched) {
+        (TestPoints::At(points), _) if points.len() <= FEW => {
+            points.iter().map(|p| Finer::around(on(surface, *p), tool, tool / ACROSS)).collect()
+        }
+        (_, Some(Place::Box { low, high })) if block => {
+            vec![Finer { low, high, within_m: tool, edge_m: tool / 2.0 }]
+        }
+        _ => Vec::new(),
+    })
+}
+
 /// Element sizes: those of the spec, else half the tool's radius at the surface, where a contact needs a few elements
-/// across. Faces that are `flat` need no small elements for their shape's sake.
+/// across, or what the body's shape needs where others are `finer`. Faces that are `flat` need no small elements for their shape's
+/// sake.
 fn options(
     simulation: &Simulation,
     surface: &TriangleMesh,
+    mut finer: Vec<Finer>,
     flat: bool,
     path: &Path,
     notes: &mut Vec<String>,
@@ -130,19 +153,14 @@ fn options(
             tool * 1e3
         );
     }
-    let few = match &simulation.test_points {
-        TestPoints::At(points) if points.len() <= FEW && sizes.element_size_m.is_none() => &points[..],
-        _ => &[],
-    };
-    let fine = tool / ACROSS;
-    let coarse = match few {
-        [] => tool / 2.0,
+    let coarse = match finer.first() {
+        None => tool / 2.0,
         // What the body's shape needs; cells are halved, so that sizes in between would all become smaller.
-        _ => {
+        Some(Finer { edge_m: fine, .. }) => {
             let per_shape = if flat { 2.0 } else { 1.0 };
             let shape = (volume.cbrt() / 8.0).min(0.75 * volume / area) * per_shape;
             let shape = shape.max(tool / 2.0);
-            fine * libm::exp2(libm::log2(shape / fine).floor())
+            fine * libm::exp2(libm::log2(SLACK * shape / fine).floor())
         }
     };
     let wanted = sizes.element_size_m.unwrap_or(coarse);
@@ -175,16 +193,17 @@ fn options(
     }
     let mut options = FillOptions::new(edge);
     options.interior_edge_m = interior(edge);
-    if !few.is_empty() && fine < edge {
-        options.finer = few
-            .iter()
-            .map(|p| Ball { centre: on(surface, *p), radius_m: tool, edge_m: SLACK * fine })
-            .collect();
-        let millimetres = fine * 1e3;
+    finer.retain(|place| place.edge_m < edge);
+    if let Some(&Finer { low, high, edge_m: fine, .. }) = finer.first() {
+        let place = if low == high { "around the test points" } else { "under what is touched" };
         notes.push(format!(
-            "elements around the test points have {millimetres:.2} mm, a fifth of the tool's radius"
+            "elements {place} have {:.2} mm, 1/{:.0} of the tool's radius, and elsewhere up to {:.2} mm at the surface",
+            fine * 1e3,
+            tool / fine,
+            edge * 1e3
         ));
     }
+    options.finer = finer.into_iter().map(|place| Finer { edge_m: SLACK * place.edge_m, ..place }).collect();
     Ok(options)
 }
 
@@ -237,4 +256,54 @@ pub fn tool_radius(simulation: &Simulation) -> Result<f64> {
         }
         (ToolShape::Point, _) => depth,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn block(test_points: &str, mesh: &str) -> Source {
+        let text = format!(
+            "body.shape = {{ kind = \"block\", size_mm = [80, 80, 40], edge_length_mm = 20 }}\n\
+             [[body.fixed]]\nhalf_space = {{ point_mm = [0, 0, -20], normal = [0, 0, -1] }}\n\
+             [material]\nmodel = \"neo-hookean\"\nyoung_modulus_pa = 10e3\npoisson_ratio = 0.45\n\
+             [tool]\nshape = \"sphere\"\nradius_mm = 8\n\
+             [deflection]\nnormal_max_mm = 3\nlateral_max_mm = 2\nsteps = 3\n\
+             [test_points]\n{test_points}\n{mesh}\n"
+        );
+        let path = Path::new("block.toml");
+        let spec = Spec::parse(path, text).unwrap();
+        let simulation = spec.simulation(path).unwrap();
+        source(&spec, &simulation, path).unwrap()
+    }
+
+    /// The longest edge of an element between corners whose middle `place` holds, m.
+    fn longest(source: &Source, place: impl Fn(DVec3) -> bool) -> f64 {
+        let corners = source.mesh.elements.iter().map(|e| [e[0], e[1], e[2], e[3]]);
+        let corners = corners.map(|e| e.map(|n| source.mesh.positions[n as usize]));
+        let edges = corners
+            .filter(|p| place(p.iter().sum::<DVec3>() / 4.0))
+            .flat_map(|p| [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)].map(|(i, j)| p[i].distance(p[j])));
+        edges.fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn a_block_has_small_elements_where_it_is_touched() {
+        let touched = "count = 9\nbox_mm = [[-10, -10, 19.9], [10, 10, 20.1]]";
+        let under = |p: DVec3| p.truncate().abs().max_element() < 10e-3 && p.z > 14e-3;
+        let aside = |p: DVec3| p.truncate().abs().max_element() > 30e-3;
+        let [part, all] = [touched, "count = 9"].map(|test_points| block(test_points, ""));
+        let told =
+            |s: &Source| s.notes.iter().any(|n| n.starts_with("elements under what is touched have 4.00 mm"));
+        assert!(told(&part) && !told(&all), "{:?}", part.notes);
+        // Half of the ball's radius: cubes of 1.3 times that, whose diagonals are longer.
+        assert!(longest(&part, under) < 6.5e-3, "{}", longest(&part, under));
+        assert!(longest(&all, under) < 6.5e-3, "{}", longest(&all, under));
+        assert!(longest(&part, aside) > 7e-3, "{}", longest(&part, aside));
+        let [few, many] = [&part, &all].map(|s| s.mesh.positions.len());
+        assert!(2 * few < many, "{few} of {many}");
+        // Who says how long they are gets them so.
+        let asked = block(touched, "[mesh]\nelement_size_mm = 10");
+        assert!(!told(&asked) && longest(&asked, under) > 8e-3, "{}", longest(&asked, under));
+    }
 }

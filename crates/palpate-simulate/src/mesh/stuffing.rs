@@ -37,7 +37,7 @@ pub struct FillOptions {
     /// Longest edge inside, m; about.
     pub interior_edge_m: f64,
     /// Places where elements are smaller still. Where a surface of varying element size is cut, angles are worse.
-    pub finer: Vec<Ball>,
+    pub finer: Vec<Finer>,
     /// Heights that element faces must follow, m, so that materials change between elements; only in blocks and
     /// cylinders.
     pub planes_z_m: Vec<f64>,
@@ -47,15 +47,30 @@ pub struct FillOptions {
     pub volume_tolerance: f64,
 }
 
-/// A place with smaller elements.
+/// A place with smaller elements: a box with all that is near it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Ball {
-    /// Centre, m.
-    pub centre: DVec3,
-    /// Radius, m.
-    pub radius_m: f64,
+pub struct Finer {
+    /// Least coordinates, m.
+    pub low: DVec3,
+    /// Greatest coordinates, m.
+    pub high: DVec3,
+    /// How far from the box it ends, m.
+    pub within_m: f64,
     /// Elements' mean edge in it, m.
     pub edge_m: f64,
+}
+
+impl Finer {
+    /// Within a ball.
+    pub fn around(centre: DVec3, radius_m: f64, edge_m: f64) -> Self {
+        Finer { low: centre, high: centre, within_m: radius_m, edge_m }
+    }
+
+    /// From a cell to the nearest point of the place, m; negative where it is within by as much.
+    fn distance(&self, low: DVec3, high: DVec3) -> f64 {
+        let apart = (self.low - high).max(low - self.high).max(DVec3::ZERO);
+        apart.length() - self.within_m
+    }
 }
 
 impl FillOptions {
@@ -92,13 +107,15 @@ impl FillOptions {
                 "give the same or more",
             ));
         }
-        for ball in &self.finer {
-            positive("finer radius_mm", ball.radius_m)?;
-            positive("finer size_mm", ball.edge_m)?;
-            if ball.edge_m * 256.0 < self.surface_edge_m || !ball.centre.is_finite() {
+        for place in &self.finer {
+            positive("finer within_mm", place.within_m)?;
+            positive("finer size_mm", place.edge_m)?;
+            let is_place =
+                place.low.is_finite() && place.high.is_finite() && place.low.cmple(place.high).all();
+            if place.edge_m * 256.0 < self.surface_edge_m || !is_place {
                 return Err(SimulateError::invalid(
                     "[mesh] finer",
-                    "it is more than 256 times finer than the rest, or its centre is no point",
+                    "it is more than 256 times finer than the rest, or its corners are no box",
                     "give a larger size_mm",
                 ));
             }
@@ -320,10 +337,11 @@ impl<F: Fn(DVec3) -> (f64, DVec3) + Sync> Domain<'_, F> {
         let too_large = |allowed: f64, away: f64| edge > (allowed + GROWTH * away.max(0.0)) * (1.0 + 1e-6);
         let split = straddles
             || cell.level > 0
-                && options.finer.iter().any(|ball| {
-                    let nearest = ball.centre.clamp(low, high);
-                    let away = nearest.distance(ball.centre) - ball.radius_m;
-                    too_large(self.allowed(ball.edge_m * scale.factor, cell, scale), away)
+                && options.finer.iter().any(|place| {
+                    too_large(
+                        self.allowed(place.edge_m * scale.factor, cell, scale),
+                        place.distance(low, high),
+                    )
                 })
             || cell.level > scale.surface && too_large(self.allowed(scale.cell, cell, scale), depth);
         if split { Fate::Split } else { Fate::Keep }
