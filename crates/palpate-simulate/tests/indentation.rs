@@ -123,8 +123,8 @@ fn spread_over_places(edge_mm: f64, depths_mm: &[f64]) -> Vec<f64> {
     depths_mm.iter().enumerate().map(spread).collect()
 }
 
-/// With elements of half the ball's radius, as a spec has them where it says nothing, a place's force is its own to 1 %, from a fifth
-/// of the radius on; with elements as long as the radius it is the mesh's, by several per cent.
+/// With elements of half the ball's radius, a spec's default, an element's corner and a place within it have one force to 1 %, from a
+/// fifth of the radius on; with elements as long as the radius they differ by several per cent.
 #[test]
 fn forces_do_not_depend_on_where_the_elements_lie() {
     let depths = [1.2, 2.4, 3.6];

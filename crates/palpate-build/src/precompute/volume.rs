@@ -41,10 +41,12 @@ pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Sourc
         Some(Geometry::Shape(shape, resolution)) => {
             let triangles = shape.mesh(*resolution).map_err(|e| e.in_file(path))?;
             // Regions want elements of their own size.
-            let block = matches!(shape, Shape::Block { .. });
-            let (sizes, flat) =
-                (finer(simulation, &triangles, block)?, block && simulation.regions.is_empty());
-            let mut options = options(simulation, &triangles, sizes, flat, path, &mut notes)?;
+            let block = match shape {
+                Shape::Block { size_mm } => Some(DVec3::from_array(*size_mm) / 1e3),
+                _ => None,
+            };
+            let graded = graded(simulation, &triangles, block)?;
+            let mut options = options(simulation, &triangles, graded, path, &mut notes)?;
             let half_height = match shape {
                 Shape::Block { size_mm } => size_mm[2] / 2e3,
                 Shape::Cylinder { length_mm, .. } => length_mm / 2e3,
@@ -53,7 +55,9 @@ pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Sourc
             };
             options.planes_z_m = layers(simulation, -half_height, half_height);
             let filled = fill_shape(shape, &options).map_err(|e| anyhow!("{}: {e}", path.display()))?;
-            (triangles, filled, options.surface_edge_m)
+            // A block's nodes lie on its faces.
+            let sizes = options.finer.iter().filter(|_| block.is_some()).map(|place| place.edge_m);
+            (triangles, filled, sizes.fold(options.surface_edge_m, f64::min))
         }
         Some(Geometry::Mesh(file)) => {
             let unit = spec.unit.ok_or_else(|| {
@@ -70,8 +74,8 @@ pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Sourc
                         .map_err(|e| e.in_file(file))?;
                     let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned();
                     notes.extend(report.notes.iter().map(|note| format!("{name}: {note}")));
-                    let sizes = finer(simulation, &triangles, false)?;
-                    let options = options(simulation, &triangles, sizes, false, path, &mut notes)?;
+                    let graded = graded(simulation, &triangles, None)?;
+                    let options = options(simulation, &triangles, graded, path, &mut notes)?;
                     let filled =
                         fill(&triangles, &options).map_err(|e| anyhow!("{}: {e}", file.display()))?;
                     (triangles, filled, options.surface_edge_m)
@@ -113,32 +117,92 @@ const NODES: f64 = 150e3;
 /// Meshes beyond this are refused.
 const MAX_NODES: f64 = 3e6;
 
-/// Where elements are smaller than elsewhere, if the spec leaves their size open: around a few named test points, and in a block
-/// under the part of it that is touched. Cells of several sizes cost a block nothing; cut by a curved surface their angles suffer.
-fn finer(simulation: &Simulation, surface: &TriangleMesh, block: bool) -> Result<Vec<Finer>> {
-    if simulation.mesh.element_size_m.is_some() {
-        return Ok(Vec::new());
-    }
+/// Elements that are smaller in some places of the surface than elsewhere.
+struct Graded {
+    finer: Vec<Finer>,
+    elsewhere_m: f64,
+    /// Where they are, in words.
+    place: &'static str,
+}
+
+/// Where elements are smaller than elsewhere, if the spec leaves their size open: around a few named test points, and in a block of
+/// this size under the box that it is touched in.
+fn graded(simulation: &Simulation, surface: &TriangleMesh, block: Option<DVec3>) -> Result<Option<Graded>> {
     let tool = tool_radius(simulation)?;
-    Ok(match (&simulation.test_points, simulation.touched) {
+    let (volume, area) = volume_and_area(surface);
+    if simulation.mesh.element_size_m.is_some() || !(tool > 0.0 && volume > 0.0) {
+        return Ok(None);
+    }
+    // What the body's shape needs; flat faces need no small elements for their shape's sake, but regions want elements of their own.
+    let flat = block.is_some() && simulation.regions.is_empty();
+    let shape = (volume.cbrt() / 8.0).min(0.75 * volume / area) * if flat { 2.0 } else { 1.0 };
+    Ok(match (&simulation.test_points, block) {
         (TestPoints::At(points), _) if points.len() <= FEW => {
-            points.iter().map(|p| Finer::around(on(surface, *p), tool, tool / ACROSS)).collect()
+            let fine = tool / ACROSS;
+            let around = |p: &DVec3| Finer::around(on(surface, *p), tool, fine);
+            // Cells are halved: sizes in between would all become smaller.
+            let elsewhere_m = fine * libm::exp2(libm::log2(shape.max(tool / 2.0) / fine).floor());
+            let finer = points.iter().map(around).collect();
+            Some(Graded { finer, elsewhere_m, place: "around the test points" })
         }
-        (_, Some(Place::Box { low, high })) if block => {
-            vec![Finer { low, high, within_m: tool, edge_m: tool / 2.0 }]
-        }
-        _ => Vec::new(),
+        (_, Some(size)) => under_the_box(simulation, tool, size, shape),
+        _ => None,
     })
 }
 
+/// Of a block that is touched in a box on one of its sides. None where the whole side may as well have small elements, or layers, which
+/// cells of several sizes would cut too thinly.
+fn under_the_box(simulation: &Simulation, tool: f64, size: DVec3, shape: f64) -> Option<Graded> {
+    let half = size / 2.0;
+    let Some(Place::Box { low, high }) = simulation.touched else { return None };
+    let (low, high) = (low.max(-half), high.min(half));
+    let extent = high - low;
+    let on_face = |a: usize| low[a] <= -half[a] * (1.0 - 1e-9) || high[a] >= half[a] * (1.0 - 1e-9);
+    let side = (0..3).find(|&a| on_face(a) && extent[a] <= tool)?;
+    let beyond = match simulation.tool {
+        // No telling which part of it touches.
+        ToolShape::Mesh { .. } => return None,
+        ToolShape::Capsule { length_m, .. } => length_m / 2.0,
+        _ => 0.0,
+    };
+    if extent.min_element() < 0.0 || !layers(simulation, -half.z, half.z).is_empty() {
+        return None;
+    }
+    // As far as the tool is dragged.
+    let mut aside = DVec3::splat(simulation.deflection.lateral_max_m + beyond);
+    aside[side] = 0.0;
+    let fine = tool / 2.0;
+    let finer = Finer { low: low - aside, high: high + aside, within_m: tool, edge_m: fine };
+    let interior = |edge: f64| interior(simulation, edge);
+    let (volume, area) =
+        (size.element_product(), 2.0 * (size.x * size.y + size.y * size.z + size.z * size.x));
+    // Cells are an even number along each axis, and stretched to fit: halved they stay so.
+    let fits = |edge: f64| {
+        let stretch = |length: f64| length / (2.0 * (length / edge / 2.0).round().max(1.0)) / edge;
+        size.to_array().into_iter().map(stretch).fold(0.0, f64::max) <= STRETCH
+    };
+    let coarse = (1..=6).rev().map(|k| fine * f64::from(1 << k)).find(|&c| c <= SLACK * shape && fits(c))?;
+    let zone = (finer.high - finer.low + 2.0 * tool).min(size).element_product();
+    let part = 16.0 * zone / fine.powi(3) + nodes(volume, area, coarse, interior(coarse));
+    let all = nodes(volume, area, fine, interior(fine));
+    (part < NODES && part < 0.8 * all).then(|| Graded {
+        finer: vec![finer],
+        elsewhere_m: coarse,
+        place: "under what is touched",
+    })
+}
+
+/// Longest edges inside, for elements of that edge at the surface, m.
+fn interior(simulation: &Simulation, edge: f64) -> f64 {
+    simulation.mesh.interior_size_m.unwrap_or(FillOptions::new(edge).interior_edge_m).max(edge)
+}
+
 /// Element sizes: those of the spec, else half the tool's radius at the surface, where a contact needs a few elements
-/// across, or what the body's shape needs where others are `finer`. Faces that are `flat` need no small elements for their shape's
-/// sake.
+/// across, or what the grading says.
 fn options(
     simulation: &Simulation,
     surface: &TriangleMesh,
-    mut finer: Vec<Finer>,
-    flat: bool,
+    graded: Option<Graded>,
     path: &Path,
     notes: &mut Vec<String>,
 ) -> Result<FillOptions> {
@@ -153,19 +217,9 @@ fn options(
             tool * 1e3
         );
     }
-    let coarse = match finer.first() {
-        None => tool / 2.0,
-        // What the body's shape needs; cells are halved, so that sizes in between would all become smaller.
-        Some(Finer { edge_m: fine, .. }) => {
-            let per_shape = if flat { 2.0 } else { 1.0 };
-            let shape = (volume.cbrt() / 8.0).min(0.75 * volume / area) * per_shape;
-            let shape = shape.max(tool / 2.0);
-            fine * libm::exp2(libm::log2(SLACK * shape / fine).floor())
-        }
-    };
-    let wanted = sizes.element_size_m.unwrap_or(coarse);
-    let interior =
-        |edge: f64| sizes.interior_size_m.unwrap_or(FillOptions::new(edge).interior_edge_m).max(edge);
+    let by_default = graded.as_ref().map_or(tool / 2.0, |g| g.elsewhere_m);
+    let wanted = sizes.element_size_m.unwrap_or(by_default);
+    let interior = |edge: f64| interior(simulation, edge);
     let mut edge = wanted;
     if sizes.element_size_m.is_none() {
         // Not larger than what a small body needs to have a shape at all.
@@ -174,9 +228,10 @@ fn options(
             edge *= 1.05;
         }
         if edge > wanted {
+            let what = if graded.is_some() { "what its shape needs" } else { "half the tool's radius" };
             notes.push(format!(
-                "elements at the surface have {:.2} mm instead of {:.2} mm, half the tool's radius, so that there are no \
-                 more than about {NODES} nodes; [mesh] element_size_mm says otherwise",
+                "elements at the surface have {:.2} mm instead of {:.2} mm, {what}, so that there are no more than about {NODES} \
+                 nodes; [mesh] element_size_mm says otherwise",
                 edge * 1e3,
                 wanted * 1e3
             ));
@@ -193,17 +248,17 @@ fn options(
     }
     let mut options = FillOptions::new(edge);
     options.interior_edge_m = interior(edge);
-    finer.retain(|place| place.edge_m < edge);
-    if let Some(&Finer { low, high, edge_m: fine, .. }) = finer.first() {
-        let place = if low == high { "around the test points" } else { "under what is touched" };
+    if let Some(Graded { finer, place, .. }) = graded
+        && let Some(Finer { edge_m: fine, .. }) = finer.first().filter(|place| place.edge_m < edge)
+    {
         notes.push(format!(
             "elements {place} have {:.2} mm, 1/{:.0} of the tool's radius, and elsewhere up to {:.2} mm at the surface",
             fine * 1e3,
             tool / fine,
             edge * 1e3
         ));
+        options.finer = finer.iter().map(|place| Finer { edge_m: SLACK * fine, ..*place }).collect();
     }
-    options.finer = finer.into_iter().map(|place| Finer { edge_m: SLACK * place.edge_m, ..place }).collect();
     Ok(options)
 }
 
@@ -213,6 +268,8 @@ const FEW: usize = 3;
 const ACROSS: f64 = 5.0;
 /// Cells that a shape's length stretches a little are not halved.
 const SLACK: f64 = 1.2;
+/// So much a block's size may stretch cells that are still called as long as they are asked to be.
+const STRETCH: f64 = 1.1;
 
 /// The surface's node nearest to a point.
 fn on(surface: &TriangleMesh, p: DVec3) -> DVec3 {
@@ -296,12 +353,19 @@ mod tests {
         let told =
             |s: &Source| s.notes.iter().any(|n| n.starts_with("elements under what is touched have 4.00 mm"));
         assert!(told(&part) && !told(&all), "{:?}", part.notes);
-        // Half of the ball's radius: cubes of 1.3 times that, whose diagonals are longer.
-        assert!(longest(&part, under) < 6.5e-3, "{}", longest(&part, under));
-        assert!(longest(&all, under) < 6.5e-3, "{}", longest(&all, under));
+        // Cubes of half of the ball's radius, with the diagonals of their faces.
+        assert!(longest(&part, under) < 5.7e-3, "{}", longest(&part, under));
+        assert!(longest(&all, under) < 5.7e-3, "{}", longest(&all, under));
         assert!(longest(&part, aside) > 7e-3, "{}", longest(&part, aside));
         let [few, many] = [&part, &all].map(|s| s.mesh.positions.len());
-        assert!(2 * few < many, "{few} of {many}");
+        assert!(4 * few < 3 * many, "{few} of {many}");
+        // Nor where that is no help: a box that holds more than a side, or nearly all of one.
+        for touched in [
+            "count = 9\nbox_mm = [[-10, -10, -21], [10, 10, 21]]",
+            "count = 9\nbox_mm = [[-40, -40, 15], [40, 40, 21]]",
+        ] {
+            assert_eq!(block(touched, "").mesh.positions.len(), many, "{touched}");
+        }
         // Who says how long they are gets them so.
         let asked = block(touched, "[mesh]\nelement_size_mm = 10");
         assert!(!told(&asked) && longest(&asked, under) > 8e-3, "{}", longest(&asked, under));
