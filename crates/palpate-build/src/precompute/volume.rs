@@ -40,13 +40,11 @@ pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Sourc
         None => bail!("{}: [body] names neither mesh nor shape; add one", path.display()),
         Some(Geometry::Shape(shape, resolution)) => {
             let triangles = shape.mesh(*resolution).map_err(|e| e.in_file(path))?;
-            // Regions want elements of their own size.
             let block = match shape {
                 Shape::Block { size_mm } => Some(DVec3::from_array(*size_mm) / 1e3),
                 _ => None,
             };
-            let graded = graded(simulation, &triangles, block)?;
-            let mut options = options(simulation, &triangles, graded, path, &mut notes)?;
+            let mut options = options(simulation, &triangles, block, path, &mut notes)?;
             let half_height = match shape {
                 Shape::Block { size_mm } => size_mm[2] / 2e3,
                 Shape::Cylinder { length_mm, .. } => length_mm / 2e3,
@@ -74,8 +72,7 @@ pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Sourc
                         .map_err(|e| e.in_file(file))?;
                     let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned();
                     notes.extend(report.notes.iter().map(|note| format!("{name}: {note}")));
-                    let graded = graded(simulation, &triangles, None)?;
-                    let options = options(simulation, &triangles, graded, path, &mut notes)?;
+                    let options = options(simulation, &triangles, None, path, &mut notes)?;
                     let filled =
                         fill(&triangles, &options).map_err(|e| anyhow!("{}: {e}", file.display()))?;
                     (triangles, filled, options.surface_edge_m)
@@ -127,16 +124,20 @@ struct Graded {
 
 /// Where elements are smaller than elsewhere, if the spec leaves their size open: around a few named test points, and in a block of
 /// this size under the box that it is touched in.
-fn graded(simulation: &Simulation, surface: &TriangleMesh, block: Option<DVec3>) -> Result<Option<Graded>> {
-    let tool = tool_radius(simulation)?;
-    let (volume, area) = volume_and_area(surface);
-    if simulation.mesh.element_size_m.is_some() || !(tool > 0.0 && volume > 0.0) {
-        return Ok(None);
+fn graded(
+    simulation: &Simulation,
+    tool: f64,
+    surface: &TriangleMesh,
+    (volume, area): (f64, f64),
+    block: Option<DVec3>,
+) -> Option<Graded> {
+    if simulation.mesh.element_size_m.is_some() {
+        return None;
     }
     // What the body's shape needs; flat faces need no small elements for their shape's sake, but regions want elements of their own.
     let flat = block.is_some() && simulation.regions.is_empty();
     let shape = (volume.cbrt() / 8.0).min(0.75 * volume / area) * if flat { 2.0 } else { 1.0 };
-    Ok(match (&simulation.test_points, block) {
+    match (&simulation.test_points, block) {
         (TestPoints::At(points), _) if points.len() <= FEW => {
             let fine = tool / ACROSS;
             let around = |p: &DVec3| Finer::around(on(surface, *p), tool, fine);
@@ -145,14 +146,20 @@ fn graded(simulation: &Simulation, surface: &TriangleMesh, block: Option<DVec3>)
             let finer = points.iter().map(around).collect();
             Some(Graded { finer, elsewhere_m, place: "around the test points" })
         }
-        (_, Some(size)) => under_the_box(simulation, tool, size, shape),
+        (_, Some(size)) => under_the_box(simulation, tool, (volume, area), size, shape),
         _ => None,
-    })
+    }
 }
 
 /// Of a block that is touched in a box on one of its sides. None where the whole side may as well have small elements, or layers, which
 /// cells of several sizes would cut too thinly.
-fn under_the_box(simulation: &Simulation, tool: f64, size: DVec3, shape: f64) -> Option<Graded> {
+fn under_the_box(
+    simulation: &Simulation,
+    tool: f64,
+    (volume, area): (f64, f64),
+    size: DVec3,
+    shape: f64,
+) -> Option<Graded> {
     let half = size / 2.0;
     let Some(Place::Box { low, high }) = simulation.touched else { return None };
     let (low, high) = (low.max(-half), high.min(half));
@@ -174,8 +181,6 @@ fn under_the_box(simulation: &Simulation, tool: f64, size: DVec3, shape: f64) ->
     let fine = tool / 2.0;
     let finer = Finer { low: low - aside, high: high + aside, within_m: tool, edge_m: fine };
     let interior = |edge: f64| interior(simulation, edge);
-    let (volume, area) =
-        (size.element_product(), 2.0 * (size.x * size.y + size.y * size.z + size.z * size.x));
     // Cells are an even number along each axis, and stretched to fit: halved they stay so.
     let fits = |edge: f64| {
         let stretch = |length: f64| length / (2.0 * (length / edge / 2.0).round().max(1.0)) / edge;
@@ -206,7 +211,7 @@ fn interior(simulation: &Simulation, edge: f64) -> f64 {
 fn options(
     simulation: &Simulation,
     surface: &TriangleMesh,
-    graded: Option<Graded>,
+    block: Option<DVec3>,
     path: &Path,
     notes: &mut Vec<String>,
 ) -> Result<FillOptions> {
@@ -221,6 +226,7 @@ fn options(
             tool * 1e3
         );
     }
+    let graded = graded(simulation, tool, surface, (volume, area), block);
     let by_default = graded.as_ref().map_or(tool / 2.0, |g| g.elsewhere_m);
     let wanted = sizes.element_size_m.unwrap_or(by_default);
     let interior = |edge: f64| interior(simulation, edge);
