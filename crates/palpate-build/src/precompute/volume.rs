@@ -40,18 +40,20 @@ pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Sourc
         None => bail!("{}: [body] names neither mesh nor shape; add one", path.display()),
         Some(Geometry::Shape(shape, resolution)) => {
             let triangles = shape.mesh(*resolution).map_err(|e| e.in_file(path))?;
-            let block = match shape {
-                Shape::Block { size_mm } => Some(DVec3::from_array(*size_mm) / 1e3),
-                _ => None,
-            };
-            let mut options = options(simulation, &triangles, block, path, &mut notes)?;
             let half_height = match shape {
                 Shape::Block { size_mm } => size_mm[2] / 2e3,
                 Shape::Cylinder { length_mm, .. } => length_mm / 2e3,
                 // Their elements follow no planes.
                 _ => 0.0,
             };
-            options.planes_z_m = layers(simulation, -half_height, half_height);
+            let planes_z_m = layers(simulation, -half_height, half_height);
+            let block = match shape {
+                Shape::Block { size_mm } => Some(DVec3::from_array(*size_mm) / 1e3),
+                _ => None,
+            };
+            let form = Form { block, layered: !planes_z_m.is_empty() };
+            let mut options = options(simulation, &triangles, form, path, &mut notes)?;
+            options.planes_z_m = planes_z_m;
             let filled = fill_shape(shape, &options).map_err(|e| anyhow!("{}: {e}", path.display()))?;
             // A block's nodes lie on its faces.
             let sizes = options.finer.iter().filter(|_| block.is_some()).map(|place| place.edge_m);
@@ -64,7 +66,8 @@ pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Sourc
             match read_any(file, unit)? {
                 Imported::Volume(mesh) => {
                     let triangles = corners(&mesh, &mesh.boundary());
-                    let tolerance_m = 1e-6 * diagonal(&mesh.positions);
+                    let (low, high) = bounds(&mesh.positions);
+                    let tolerance_m = 1e-6 * high.distance(low);
                     return Ok(Source { triangles, mesh, tolerance_m, of_surface: false, notes });
                 }
                 Imported::Surface(triangles) => {
@@ -72,7 +75,7 @@ pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Sourc
                         .map_err(|e| e.in_file(file))?;
                     let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned();
                     notes.extend(report.notes.iter().map(|note| format!("{name}: {note}")));
-                    let options = options(simulation, &triangles, None, path, &mut notes)?;
+                    let options = options(simulation, &triangles, Form::default(), path, &mut notes)?;
                     let filled =
                         fill(&triangles, &options).map_err(|e| anyhow!("{}: {e}", file.display()))?;
                     (triangles, filled, options.surface_edge_m)
@@ -89,12 +92,6 @@ pub fn source(spec: &Spec, simulation: &Simulation, path: &Path) -> Result<Sourc
     ));
     // A mesh that was cut from a lattice has its nodes on the surface as far as its elements allow.
     Ok(Source { triangles, mesh, tolerance_m: 0.05 * size, of_surface: true, notes })
-}
-
-fn diagonal(positions: &[DVec3]) -> f64 {
-    let fold = |(low, high): (DVec3, DVec3), p: &DVec3| (low.min(*p), high.max(*p));
-    let (low, high) = positions.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), fold);
-    (high - low).length()
 }
 
 /// A boundary's triangles between corners, which are numbered in their order in the mesh.
@@ -114,6 +111,15 @@ const NODES: f64 = 150e3;
 /// Meshes beyond this are refused.
 const MAX_NODES: f64 = 3e6;
 
+/// What is known of a body's form.
+#[derive(Clone, Copy, Default)]
+struct Form {
+    /// A block's size, m.
+    block: Option<DVec3>,
+    /// Whether planes part its elements.
+    layered: bool,
+}
+
 /// Elements that are smaller in some places of the surface than elsewhere.
 struct Graded {
     finer: Vec<Finer>,
@@ -122,23 +128,23 @@ struct Graded {
     place: &'static str,
 }
 
-/// Where elements are smaller than elsewhere, if the spec leaves their size open: around a few named test points, and in a block of
-/// this size under the box that it is touched in.
+/// Where elements are smaller than elsewhere, if the spec leaves their size open: around a few named test points, and where the body is
+/// touched, if that is a part of it.
 fn graded(
     simulation: &Simulation,
     tool: f64,
     surface: &TriangleMesh,
     (volume, area): (f64, f64),
-    block: Option<DVec3>,
+    form: Form,
 ) -> Option<Graded> {
     if simulation.mesh.element_size_m.is_some() {
         return None;
     }
     // What the body's shape needs; flat faces need no small elements for their shape's sake, but regions want elements of their own.
-    let flat = block.is_some() && simulation.regions.is_empty();
+    let flat = form.block.is_some() && simulation.regions.is_empty();
     let shape = (volume.cbrt() / 8.0).min(0.75 * volume / area) * if flat { 2.0 } else { 1.0 };
-    match (&simulation.test_points, block) {
-        (TestPoints::At(points), _) if points.len() <= FEW => {
+    match &simulation.test_points {
+        TestPoints::At(points) if points.len() <= FEW => {
             let fine = tool / ACROSS;
             let around = |p: &DVec3| Finer::around(on(surface, *p), tool, fine);
             // Cells are halved: sizes in between would all become smaller.
@@ -146,59 +152,93 @@ fn graded(
             let finer = points.iter().map(around).collect();
             Some(Graded { finer, elsewhere_m, place: "around the test points" })
         }
-        (_, Some(size)) => under_the_box(simulation, tool, (volume, area), size, shape),
-        _ => None,
+        _ => where_touched(simulation, tool, surface, (volume, area), form, shape),
     }
 }
 
-/// Of a block that is touched in a box on one of its sides. None where the whole side may as well have small elements, or layers, which
-/// cells of several sizes would cut too thinly.
-fn under_the_box(
+/// Around the box that a body is touched in. None where all of it may as well have small elements, where the box goes through a block, or
+/// with layers, which cells of several sizes would cut too thinly.
+fn where_touched(
     simulation: &Simulation,
     tool: f64,
+    surface: &TriangleMesh,
     (volume, area): (f64, f64),
-    size: DVec3,
+    form: Form,
     shape: f64,
 ) -> Option<Graded> {
-    let half = size / 2.0;
     let Some(Place::Box { low, high }) = simulation.touched else { return None };
-    let (low, high) = (low.max(-half), high.min(half));
+    let (least, greatest) = bounds(&surface.positions);
+    let (low, high) = (low.max(least), high.min(greatest));
     let extent = high - low;
-    let on_face = |a: usize| low[a] <= -half[a] * (1.0 - 1e-9) || high[a] >= half[a] * (1.0 - 1e-9);
-    let side = (0..3).find(|&a| on_face(a) && extent[a] <= tool)?;
+    if extent.min_element() < 0.0 || form.layered {
+        return None;
+    }
     let beyond = match simulation.tool {
         // No telling which part of it touches.
         ToolShape::Mesh { .. } => return None,
         ToolShape::Capsule { length_m, .. } => length_m / 2.0,
         _ => 0.0,
     };
-    if extent.min_element() < 0.0 || !layers(simulation, -half.z, half.z).is_empty() {
-        return None;
-    }
     // As far as the tool is dragged.
     let mut aside = DVec3::splat(simulation.deflection.lateral_max_m + beyond);
-    aside[side] = 0.0;
+    if let Some(half) = form.block.map(|size| size / 2.0) {
+        let on_face = |a: usize| low[a] <= -half[a] * (1.0 - 1e-9) || high[a] >= half[a] * (1.0 - 1e-9);
+        aside[(0..3).find(|&a| on_face(a) && extent[a] <= tool)?] = 0.0;
+    }
     let fine = tool / 2.0;
     let finer = Finer { low: low - aside, high: high + aside, within_m: tool, edge_m: fine };
     let interior = |edge: f64| interior(simulation, edge);
-    // Cells are an even number along each axis, and stretched to fit: halved they stay so.
+    // A block's cells are an even number along each axis, and stretched to fit: halved they stay so.
     let fits = |edge: f64| {
         let stretch = |length: f64| length / (2.0 * (length / edge / 2.0).round().max(1.0)) / edge;
-        size.to_array().into_iter().map(stretch).fold(0.0, f64::max) <= STRETCH
+        form.block.is_none_or(|size| size.to_array().into_iter().map(stretch).fold(0.0, f64::max) <= STRETCH)
     };
     let coarse = (1..=6).rev().map(|k| fine * f64::from(1 << k)).find(|&c| c <= SLACK * shape && fits(c))?;
-    let around = (finer.high - finer.low + 2.0 * tool).min(size);
-    let area_there = around.element_product() / around[side];
+    let around = (finer.low - tool).max(least)..(finer.high + tool).min(greatest);
+    let area_there = area_within(surface, around.start, around.end);
     let elsewhere = nodes(volume, area, coarse, interior(coarse));
     let spared =
         elsewhere + nodes(0.0, area_there, fine, fine) < 0.8 * nodes(volume, area, fine, interior(fine));
     // Cells of one size as deep as the place reaches.
-    let within_budget = elsewhere + 16.0 * around.element_product() / fine.powi(3) < NODES;
+    let cells = (around.end - around.start).element_product() / fine.powi(3);
+    let within_budget = elsewhere + 16.0 * cells < NODES;
     (spared && within_budget).then(|| Graded {
         finer: vec![finer],
         elsewhere_m: coarse,
-        place: "under what is touched",
+        place: "where it is touched",
     })
+}
+
+/// Least and greatest coordinates.
+fn bounds(positions: &[DVec3]) -> (DVec3, DVec3) {
+    let fold = |(low, high): (DVec3, DVec3), p: &DVec3| (low.min(*p), high.max(*p));
+    positions.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), fold)
+}
+
+/// Of a surface what lies in a box, m²: each triangle cut by the box's planes, one after the other (Sutherland and Hodgman 1974).
+fn area_within(surface: &TriangleMesh, low: DVec3, high: DVec3) -> f64 {
+    let mut area = 0.0;
+    for t in &surface.triangles {
+        let mut polygon: Vec<DVec3> = t.iter().map(|n| surface.positions[*n as usize]).collect();
+        for (axis, end, sign) in (0..3).flat_map(|a| [(a, low[a], 1.0), (a, high[a], -1.0)]) {
+            let within = |p: DVec3| sign * (p[axis] - end);
+            let mut kept = Vec::with_capacity(polygon.len() + 1);
+            for (i, &p) in polygon.iter().enumerate() {
+                let q = polygon[(i + 1) % polygon.len()];
+                let (at_p, at_q) = (within(p), within(q));
+                if at_p >= 0.0 {
+                    kept.push(p);
+                }
+                if (at_p >= 0.0) != (at_q >= 0.0) {
+                    kept.push(p + (q - p) * (at_p / (at_p - at_q)));
+                }
+            }
+            polygon = kept;
+        }
+        let fan = polygon.windows(2).skip(1).map(|e| (e[0] - polygon[0]).cross(e[1] - polygon[0]));
+        area += fan.sum::<DVec3>().length() / 2.0;
+    }
+    area
 }
 
 /// Longest edges inside, for elements of that edge at the surface, m.
@@ -211,7 +251,7 @@ fn interior(simulation: &Simulation, edge: f64) -> f64 {
 fn options(
     simulation: &Simulation,
     surface: &TriangleMesh,
-    block: Option<DVec3>,
+    form: Form,
     path: &Path,
     notes: &mut Vec<String>,
 ) -> Result<FillOptions> {
@@ -226,7 +266,7 @@ fn options(
             tool * 1e3
         );
     }
-    let graded = graded(simulation, tool, surface, (volume, area), block);
+    let graded = graded(simulation, tool, surface, (volume, area), form);
     let by_default = graded.as_ref().map_or(tool / 2.0, |g| g.elsewhere_m);
     let wanted = sizes.element_size_m.unwrap_or(by_default);
     let interior = |edge: f64| interior(simulation, edge);
@@ -317,8 +357,7 @@ pub fn tool_radius(simulation: &Simulation) -> Result<f64> {
         }
         (ToolShape::Mesh { file, unit }, _) => {
             let mesh = import::read(file, Some(*unit))?;
-            let fold = |(low, high): (DVec3, DVec3), p: &DVec3| (low.min(*p), high.max(*p));
-            let (low, high) = mesh.positions.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), fold);
+            let (low, high) = bounds(&mesh.positions);
             (high - low).min_element() / 2.0
         }
         (ToolShape::Point, _) => depth,
@@ -330,8 +369,12 @@ mod tests {
     use super::*;
 
     fn block(test_points: &str, mesh: &str) -> Source {
+        solid("kind = \"block\", size_mm = [80, 80, 40], edge_length_mm = 20", test_points, mesh)
+    }
+
+    fn solid(shape: &str, test_points: &str, mesh: &str) -> Source {
         let text = format!(
-            "body.shape = {{ kind = \"block\", size_mm = [80, 80, 40], edge_length_mm = 20 }}\n\
+            "body.shape = {{ {shape} }}\n\
              [[body.fixed]]\nhalf_space = {{ point_mm = [0, 0, -20], normal = [0, 0, -1] }}\n\
              [material]\nmodel = \"neo-hookean\"\nyoung_modulus_pa = 10e3\npoisson_ratio = 0.45\n\
              [tool]\nshape = \"sphere\"\nradius_mm = 8\n\
@@ -361,7 +404,7 @@ mod tests {
         let aside = |p: DVec3| p.truncate().abs().max_element() > 30e-3;
         let [part, all] = [touched, "count = 9"].map(|test_points| block(test_points, ""));
         let told =
-            |s: &Source| s.notes.iter().any(|n| n.starts_with("elements under what is touched have 4.00 mm"));
+            |s: &Source| s.notes.iter().any(|n| n.starts_with("elements where it is touched have 4.00 mm"));
         assert!(told(&part) && !told(&all), "{:?}", part.notes);
         // Cubes of half of the ball's radius, with the diagonals of their faces.
         assert!(longest(&part, under) < 5.7e-3, "{}", longest(&part, under));
@@ -375,5 +418,36 @@ mod tests {
         // Who says how long they are gets them so.
         let asked = block(touched, "[mesh]\nelement_size_mm = 10");
         assert!(!told(&asked) && longest(&asked, under) > 8e-3, "{}", longest(&asked, under));
+    }
+
+    #[test]
+    fn a_round_body_has_small_elements_where_it_is_touched() {
+        let shape = "kind = \"cylinder\", radius_mm = 30, length_mm = 90, edge_length_mm = 5";
+        let touched = "count = 9\nbox_mm = [[25, -8, -8], [31, 8, 8]]";
+        let [part, all] = [touched, "count = 9"].map(|test_points| solid(shape, test_points, ""));
+        let told =
+            |s: &Source| s.notes.iter().any(|n| n.starts_with("elements where it is touched have 4.00 mm"));
+        assert!(told(&part) && !told(&all), "{:?}", part.notes);
+        let [few, many] = [&part, &all].map(|s| s.mesh.positions.len());
+        assert!(4 * few < 3 * many, "{few} of {many}");
+        // Where the tool can come to they are alike; beyond they are larger.
+        let under = |p: DVec3| p.x > 22e-3 && p.y.abs().max(p.z.abs()) < 10e-3;
+        let aside = |p: DVec3| p.x < -20e-3;
+        assert!(longest(&part, under) < 1.1 * longest(&all, under));
+        assert!(longest(&part, aside) > 1.5 * longest(&all, aside));
+    }
+
+    #[test]
+    fn the_area_in_a_box_is_cut_at_its_sides() {
+        let shape = Shape::Block { size_mm: [80.0, 80.0, 40.0] };
+        let surface = shape.mesh(palpate_body::shape::Resolution::default()).unwrap();
+        let within = |low: [f64; 3], high: [f64; 3]| {
+            1e6 * area_within(&surface, DVec3::from_array(low) / 1e3, DVec3::from_array(high) / 1e3)
+        };
+        assert!((within([-50.0; 3], [50.0; 3]) - 25_600.0).abs() < 1e-6);
+        assert!((within([-7.0, -3.0, 10.0], [5.0, 4.0, 30.0]) - 84.0).abs() < 1e-6);
+        // Around an edge: of the top and of the side.
+        assert!((within([30.0, -5.0, 12.0], [50.0, 5.0, 30.0]) - 180.0).abs() < 1e-6);
+        assert!(within([-5.0; 3], [5.0; 3]) < 1e-9);
     }
 }
