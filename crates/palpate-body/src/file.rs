@@ -28,7 +28,7 @@ const _: () =
 
 const SCHEMA: &str = "palpate-body";
 /// What this program reads up to. A body is written in the least version that holds all of it.
-const VERSION: u32 = 6;
+const VERSION: u32 = 7;
 const UNITS: &str = "SI: m, N, J";
 
 /// Bytes of the header's length, which the file begins with.
@@ -36,6 +36,9 @@ const LENGTH: usize = size_of::<u64>();
 
 /// Bytes a header may have: parsing takes several times as much. A spec's text is the longest thing in it.
 const MAX_HEADER: usize = 4 << 20;
+
+/// κ₁₁, κ₁₂, κ₂₂ of each test point: a coupled law's, optional.
+pub(crate) const CURVATURES: &str = "coupled_curvatures_per_m";
 
 /// How many there are of everything.
 struct Sizes {
@@ -56,12 +59,16 @@ struct Sizes {
     fields: Option<FieldSizes>,
     /// Whether contacts are two contact points side by side: version 6.
     partial_slip: bool,
+    /// Whether friction counts the tool's way: version 7.
+    curved: bool,
 }
 
 impl Sizes {
     /// The least version that holds it.
     fn version(&self) -> u32 {
-        if self.partial_slip {
+        if self.curved {
+            7
+        } else if self.partial_slip {
             6
         } else if self.fields.is_some() {
             5
@@ -90,11 +97,13 @@ fn layout(s: &Sizes) -> Vec<(&'static str, Dtype, Vec<usize>)> {
         ("depth_knots_m", F64, vec![s.depth_knots]),
     ];
     let law = if s.coupled {
-        vec![
+        let curvatures = s.curved.then(|| (CURVATURES, F64, vec![s.test_points, 3]));
+        let potentials = [
             ("lateral_range_m", F64, vec![1]),
             ("coupled_tangents", F64, vec![s.test_points, 2, 3]),
             ("coupled_curves", F64, vec![s.test_points, QUANTITIES, depth, 4]),
-        ]
+        ];
+        potentials.into_iter().chain(curvatures).collect()
     } else {
         vec![
             ("lateral_knots_m", F64, vec![s.lateral_knots]),
@@ -171,8 +180,13 @@ impl CoupledHeader {
         QUANTITIES * (self.depth.len() - 1)
     }
 
-    /// The potential of test point `t` from its tangents and its ordinates, one quantity after the other.
-    pub fn potential(&self, t: usize, tangents: [DVec3; 2], ordinates: &[[f64; 4]]) -> Result<Potential> {
+    /// The potential of test point `t` from its tangents, the surface's curvature in them, and its ordinates, one quantity after the other.
+    pub fn potential(
+        &self,
+        t: usize,
+        (tangents, curvature): ([DVec3; 2], [f64; 3]),
+        ordinates: &[[f64; 4]],
+    ) -> Result<Potential> {
         let intervals = self.depth.len() - 1;
         let curve = |i: usize| {
             let ordinates = ordinates.get(i * intervals..(i + 1) * intervals).unwrap_or(&[]);
@@ -188,6 +202,7 @@ impl CoupledHeader {
             cubic: [curve(6)?, curve(7)?, curve(8)?, curve(9)?],
             quartic: curve(10)?,
             friction: curve(11)?,
+            curvature,
         })
     }
 }
@@ -283,8 +298,9 @@ impl Body {
         let (mut responses, mut coupled) = (Vec::new(), None);
         if let Some(header) = file.coupled()? {
             let ordinates: Vec<[f64; 4]> = pod_collect_to_vec(file.bytes("coupled_curves"));
-            let rows = file.rows("coupled_tangents").zip(ordinates.chunks_exact(header.width()));
-            let potentials = rows.enumerate().map(|(t, (tangents, row))| header.potential(t, tangents, row));
+            let places = file.rows("coupled_tangents").zip(file.curvatures(test_point_nodes.len()));
+            let rows = places.zip(ordinates.chunks_exact(header.width()));
+            let potentials = rows.enumerate().map(|(t, (place, row))| header.potential(t, place, row));
             coupled =
                 Some(CoupledLaw { range_m: header.range_m, potentials: potentials.collect::<Result<_>>()? });
         } else {
@@ -341,6 +357,7 @@ impl Body {
             coupled: self.coupled.is_some(),
             tank: self.has_tank(),
             partial_slip: self.has_partial_slip(),
+            curved: self.potential_list().iter().any(|p| p.curvature != [0.0; 3]),
         })
     }
 
@@ -417,6 +434,7 @@ impl Body {
             "friction_curves" => curves.iter().try_for_each(|r| put(cast_slice(r.friction.ordinates()))),
             "lateral_curves_n" => curves.iter().try_for_each(|r| put(cast_slice(r.lateral.ordinates()))),
             "lateral_range_m" => put(bytes_of(&self.model.potentials.range_m())),
+            CURVATURES => self.potential_list().iter().try_for_each(|p| put(bytes_of(&p.curvature))),
             "coupled_tangents" => self.potential_list().iter().try_for_each(|p| put(bytes_of(&p.tangents))),
             "coupled_curves" => {
                 let mut curves = self.potential_list().iter().flat_map(Potential::curves);
@@ -561,6 +579,7 @@ impl<'a> File<'a> {
             tank: version >= 4,
             fields: if version >= 5 { FieldSizes::of(rows) } else { None },
             partial_slip: version >= 6,
+            curved: version >= 7 && self.has_curvatures(),
         });
         for (name, dtype, shape) in &layout {
             let problem = match self.header.info(name) {
@@ -643,6 +662,16 @@ impl<'a> File<'a> {
 
     fn rows<T: Pod>(&self, name: &str) -> impl Iterator<Item = T> + use<'a, T> {
         self.bytes(name).chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned)
+    }
+
+    /// Whether friction counts the tool's way.
+    pub fn has_curvatures(&self) -> bool {
+        self.header.info(CURVATURES).is_some()
+    }
+
+    /// The surface's curvature at each test point, 1/m; 0 in a file without.
+    pub fn curvatures(&self, test_points: usize) -> Vec<[f64; 3]> {
+        if self.has_curvatures() { self.rows(CURVATURES).collect() } else { vec![[0.0; 3]; test_points] }
     }
 
     /// What a coupled law's test points share, if the body has one.

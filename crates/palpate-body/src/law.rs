@@ -73,6 +73,21 @@ pub fn at_depth<T: Number>([a, b, c, d]: &CoupledRow, t: T) -> AtDepth<T> {
     AtDepth { value, slope }
 }
 
+/// How curved a surface is along ξ, a vector in the tangents of this tensor [κ₁₁, κ₁₂, κ₂₂], 1/m: ξ·κ ξ, for |ξ| = 1.
+#[inline(always)]
+pub fn curvature_along<T: Number>([k1, k2, k3]: [f64; 3], [x, y]: [T; 2]) -> T {
+    x * x * k1 + x * y * (2.0 * k2) + y * y * k3
+}
+
+/// How far the tool goes for each way of a contact point that slips with it, 1 + (R − δz) κ (MODEL 4): `above` is R − δz, m, and
+/// `curvature` that along the way, 1/m. Between ½ and 2: an edge that is sharp against the tool, or a hollow as narrow as it, has no
+/// one curvature.
+#[inline(always)]
+pub fn tool_way<T: Number>(curvature: T, above: T) -> T {
+    let way = (curvature * above + 1.0).at_least(0.5);
+    -(-way).at_least(-2.0)
+}
+
 /// What the coupled law says at one deflection.
 #[derive(Debug, Clone, Copy)]
 pub struct Coupled<T> {

@@ -29,6 +29,9 @@ pub struct Potential {
     pub quartic: Curve,
     /// μ(δz) ≥ 0.
     pub friction: Curve,
+    /// κ₁₁, κ₁₂, κ₂₂, 1/m: how curved the surface is on the tool's scale, positive where it is convex. The way that friction counts
+    /// follows from it ([`law::tool_way`](crate::law::tool_way)); all 0: the contact point's own.
+    pub curvature: [f64; 3],
 }
 
 /// The coupled law of a body.
@@ -65,7 +68,7 @@ impl Potential {
 }
 
 impl Potential {
-    /// Of its curves, in the order of the law's quantities.
+    /// Of its curves, in the order of the law's quantities, on a surface that is not curved.
     pub fn from_curves(tangents: [DVec3; 2], curves: [Curve; QUANTITIES]) -> Self {
         let [press, b1, b2, k11, k12, k22, c111, c112, c122, c222, quartic, friction] = curves;
         Potential {
@@ -76,6 +79,7 @@ impl Potential {
             cubic: [c111, c112, c122, c222],
             quartic,
             friction,
+            curvature: [0.0; 3],
         }
     }
 
@@ -102,7 +106,10 @@ impl Potential {
             let ordinates: Vec<[f64; 4]> = all.iter().map(|row| row.map(|x| x[q])).collect();
             *curve = Curve::from_ordinates(knots, &ordinates, curve.extension())?;
         }
-        Ok(Potential::from_curves(tangents, made))
+        Ok(Potential {
+            curvature: turned_tensor(self.curvature, turn),
+            ..Potential::from_curves(tangents, made)
+        })
     }
 
     /// The eigenvalues of K at a depth, N/m, the smaller first.
@@ -202,6 +209,9 @@ const TOLERANCE: f64 = 1e-9;
 /// The least that a lateral force must grow along a ray, in parts of the greatest stiffness.
 const LEAST_GROWTH: f64 = 1e-6;
 
+/// The most that a surface may be curved, 1/m.
+const MOST_CURVED: f64 = 1e6;
+
 /// The names of a potential's curves, as errors and tables give them.
 pub const QUANTITY_NAMES: [&str; QUANTITIES] =
     ["F", "b1", "b2", "K11", "K12", "K22", "C111", "C112", "C122", "C222", "Q", "mu"];
@@ -235,6 +245,12 @@ impl Potential {
                 return Err((problem, "let F go on along its parabola, all else stay what it is"));
             }
             check_smooth(i, curve)?;
+        }
+        if let Some(k) = self.curvature.iter().find(|k| !(k.abs() <= MOST_CURVED)) {
+            return Err((
+                format!("its curvature is {k:e} /m"),
+                "give 1/m: 20 is a ball of 50 mm, and 0 counts none",
+            ));
         }
         self.check_press()?;
         self.check_growth(range_m)?;
@@ -341,6 +357,8 @@ pub struct Potentials {
     rows: Vec<CoupledRow>,
     /// (test points)
     tangents: Vec<[DVec3; 2]>,
+    /// (test points): κ₁₁, κ₁₂, κ₂₂, 1/m
+    curvatures: Vec<[f64; 3]>,
     columns: usize,
     range_m: f64,
 }
@@ -352,10 +370,13 @@ pub struct PotentialAt<'a> {
     pub row: &'a CoupledRow,
     /// t₁ and t₂.
     pub tangents: &'a [DVec3; 2],
+    /// κ₁₁, κ₁₂, κ₂₂, 1/m: see [`Potential::curvature`].
+    pub curvature: &'a [f64; 3],
 }
 
 const NO_ROW: CoupledRow = [[0.0; QUANTITIES]; 4];
 const NO_TANGENTS: [DVec3; 2] = [DVec3::ZERO; 2];
+const NO_CURVATURE: [f64; 3] = [0.0; 3];
 
 impl Potentials {
     /// Lays out a law.
@@ -381,6 +402,7 @@ impl Potentials {
                 row
             }));
             table.tangents.push(potential.tangents);
+            table.curvatures.push(potential.curvature);
         }
         Ok((knots, table))
     }
@@ -411,6 +433,7 @@ impl Potentials {
         PotentialAt {
             row: self.rows.get(point as usize * self.columns + interval).unwrap_or(&NO_ROW),
             tangents: self.tangents.get(point as usize).unwrap_or(&NO_TANGENTS),
+            curvature: self.curvatures.get(point as usize).unwrap_or(&NO_CURVATURE),
         }
     }
 
@@ -429,18 +452,24 @@ impl Potentials {
     pub(crate) fn copy(&mut self, from: &Potentials, points: &[u32]) {
         self.rows.clear();
         self.tangents.clear();
+        self.curvatures.clear();
         if from.is_empty() {
             return;
         }
         for point in points.iter().map(|&p| p as usize) {
             self.rows.extend_from_slice(&from.rows[point * from.columns..(point + 1) * from.columns]);
             self.tangents.push(from.tangents[point]);
+            self.curvatures.push(from.curvatures[point]);
         }
     }
 
     /// Bytes that a step may read.
-    pub(crate) fn memory(&self) -> [&[u8]; 2] {
-        [bytemuck::cast_slice(&self.rows), bytemuck::cast_slice(&self.tangents)]
+    pub(crate) fn memory(&self) -> [&[u8]; 3] {
+        [
+            bytemuck::cast_slice(&self.rows),
+            bytemuck::cast_slice(&self.tangents),
+            bytemuck::cast_slice(&self.curvatures),
+        ]
     }
 }
 
@@ -475,18 +504,28 @@ fn turn(own: &[DVec3; 2], other: &[DVec3; 2]) -> [[f64; 2]; 2] {
     own.map(|t| other.map(|s| t.dot(s)))
 }
 
+/// A symmetric tensor [11, 12, 22] as it looks from tangents with this turn.
+fn turned_tensor([k1, k2, k3]: [f64; 3], [[a, b], [c, d]]: [[f64; 2]; 2]) -> [f64; 3] {
+    [
+        a * a * k1 + 2.0 * a * c * k2 + c * c * k3,
+        a * b * k1 + (a * d + b * c) * k2 + c * d * k3,
+        b * b * k1 + 2.0 * b * d * k2 + d * d * k3,
+    ]
+}
+
 /// A law's quantities as they look from tangents with this turn.
 fn turned(
     [f, b1, b2, k1, k2, k3, c1, c2, c3, c4, q, mu]: [f64; QUANTITIES],
     [[a, b], [c, d]]: [[f64; 2]; 2],
 ) -> [f64; QUANTITIES] {
+    let [k1, k2, k3] = turned_tensor([k1, k2, k3], [[a, b], [c, d]]);
     [
         f,
         a * b1 + c * b2,
         b * b1 + d * b2,
-        a * a * k1 + 2.0 * a * c * k2 + c * c * k3,
-        a * b * k1 + (a * d + b * c) * k2 + c * d * k3,
-        b * b * k1 + 2.0 * b * d * k2 + d * d * k3,
+        k1,
+        k2,
+        k3,
         a * a * a * c1 + a * a * c * c2 + a * c * c * c3 + c * c * c * c4,
         3.0 * a * a * b * c1
             + (a * a * d + 2.0 * a * b * c) * c2

@@ -12,7 +12,7 @@ use crate::body::{
     check_test_points, creased, mixed_inward,
 };
 use crate::error::{BodyError, Result};
-use crate::file::{CURVES, CoupledHeader, File, Fingerprint, SharedKnots, mapped};
+use crate::file::{CURVATURES, CURVES, CoupledHeader, File, Fingerprint, SharedKnots, mapped};
 use crate::gradient::Gradients;
 use crate::index_map::IndexMap;
 use crate::model::{ContactModel, identity, sampled};
@@ -72,13 +72,12 @@ struct Tensors {
 #[derive(Debug)]
 enum Law {
     /// Of the [`CURVES`].
-    Decoupled {
-        knots: SharedKnots,
-        curves: [u64; 3],
-    },
+    Decoupled { knots: SharedKnots, curves: [u64; 3] },
     Coupled {
         header: CoupledHeader,
         tangents: u64,
+        /// None in a file without.
+        curvatures: Option<u64>,
         curves: u64,
     },
 }
@@ -205,8 +204,9 @@ impl StoredBody {
         let tangents: &[[DVec3; 2]] = column(parsed, "coupled_tangents")?;
         let ordinates: &[[f64; 4]] = column(parsed, "coupled_curves")?;
         let mut first = Vec::new();
-        for (t, (&tangents, row)) in tangents.iter().zip(ordinates.chunks_exact(header.width())).enumerate() {
-            let potential = header.potential(t, tangents, row)?;
+        let places = tangents.iter().copied().zip(parsed.curvatures(at.len()));
+        for (t, (place, row)) in places.zip(ordinates.chunks_exact(header.width())).enumerate() {
+            let potential = header.potential(t, place, row)?;
             potential.check_at(t, inward[at[t] as usize], header.range_m)?;
             if t == 0 {
                 first.push(potential);
@@ -215,7 +215,8 @@ impl StoredBody {
         let (knots, table) = Potentials::new(&CoupledLaw { range_m: header.range_m, potentials: first })?;
         let model_header = (Responses::knots_alone(knots, header.range_m)?, table.without_points());
         let (tangents, curves) = (parsed.place("coupled_tangents"), parsed.place("coupled_curves"));
-        Ok((Law::Coupled { header, tangents, curves }, model_header))
+        let curvatures = parsed.has_curvatures().then(|| parsed.place(CURVATURES));
+        Ok((Law::Coupled { header, tangents, curvatures, curves }, model_header))
     }
 
     /// An error unless the file is as it was when it was checked, as far as its length and time tell.
@@ -326,12 +327,16 @@ impl Reading<'_> {
 
     /// The potentials of test points; none with a decoupled law.
     fn potentials(&self, which: &[u32]) -> Result<Option<CoupledLaw>> {
-        let Law::Coupled { header, tangents, curves } = &self.of.law else { return Ok(None) };
+        let Law::Coupled { header, tangents, curvatures, curves } = &self.of.law else { return Ok(None) };
         let width = header.width() * size_of::<[f64; 4]>();
         let ordinates = bytemuck::pod_collect_to_vec(&self.bytes_of_rows(*curves, width, which)?);
-        let rows = self.rows(*tangents, which)?.into_iter().zip(ordinates.chunks_exact(header.width()));
-        let rows = rows.zip(which);
-        let potentials = rows.map(|((tangents, row), &t)| header.potential(t as usize, tangents, row));
+        let curvatures = match curvatures {
+            Some(tensor) => self.rows(*tensor, which)?,
+            None => vec![[0.0; 3]; which.len()],
+        };
+        let places = self.rows(*tangents, which)?.into_iter().zip(curvatures);
+        let rows = places.zip(ordinates.chunks_exact(header.width())).zip(which);
+        let potentials = rows.map(|((place, row), &t)| header.potential(t as usize, place, row));
         Ok(Some(CoupledLaw { range_m: header.range_m, potentials: potentials.collect::<Result<_>>()? }))
     }
 

@@ -223,6 +223,45 @@ fn old_files_are_read() {
     }
 }
 
+/// How curved the surface is at the test points is read again, at once and patch by patch; where it is told the file has version 7.
+#[test]
+fn curvatures_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.body");
+    let mut parts = coupled(&cube(), 4).parts();
+    for (t, p) in parts.coupled.iter_mut().flat_map(|law| &mut law.potentials).enumerate() {
+        p.curvature = [1.0 + t as f64, -2.0, 30.0];
+    }
+    let body = Body::new(parts.clone()).unwrap();
+    body.save(&path).unwrap();
+    let read = Body::open(&path).unwrap();
+    assert_eq!(read, body);
+    assert_eq!(read.coupled_law().unwrap().potentials[2].curvature, [3.0, -2.0, 30.0]);
+    let stored = StoredBody::open(&path, None).unwrap();
+    let mut patch = stored.patch();
+    stored.take(&mut patch, body.nodes()[0].position.to_array(), 4, &|| ()).unwrap();
+    let near = patch.model().nodes()[0].test_points[0];
+    assert_eq!(patch.model().potentials().at(near, 0).curvature[1..], [-2.0, 30.0]);
+    let bytes = body.to_bytes().unwrap();
+    let refused = |bytes: &[u8], words: [&str; 2]| {
+        let message = Body::from_bytes(bytes).unwrap_err().to_string();
+        assert!(words.iter().all(|w| message.contains(w)), "{message}");
+    };
+    let older = with_header(&bytes, "\"version\":\"7\"", "\"version\":\"6\"");
+    refused(&older, ["coupled_curvatures_per_m", "version 6 has no such tensor"]);
+    let length = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+    let header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
+    let at = header["coupled_curvatures_per_m"]["data_offsets"][0].as_u64().unwrap() as usize;
+    let mut damaged = bytes.clone();
+    damaged[8 + length + at..][..8].copy_from_slice(&f64::NAN.to_le_bytes());
+    refused(&damaged, ["test point 0", "curvature"]);
+    // The same in other tangents.
+    let p = &parts.coupled.unwrap().potentials[0];
+    let [t1, t2] = p.tangents;
+    let seen = p.seen_in([t2, -t1]).unwrap();
+    assert_eq!(seen.curvature, [30.0, 2.0, 1.0]);
+}
+
 /// Whether a body has the tank, and partial slip, is read again, whatever its law, at once and patch by patch.
 #[test]
 fn tank_and_partial_slip_are_kept() {
@@ -389,7 +428,7 @@ fn messages_name_the_place_and_the_hint() {
     refused(&bytes[..bytes.len() - 1], &["tensors", "incomplete"]);
     refused(&[&bytes[..], &[0]].concat(), &["tensors", "incomplete"]);
     changed("\"palpate-body\"", "\"llama\"", &["metadata `schema`", "`llama`", "no body file"]);
-    changed("\"version\":\"1\"", "\"version\":\"7\"", &["metadata `version`", "newer palpate", "update"]);
+    changed("\"version\":\"1\"", "\"version\":\"8\"", &["metadata `version`", "newer palpate", "update"]);
     changed("\"version\":\"1\"", "\"version\":\"-1\"", &["metadata `version`", "`-1`"]);
     changed("\"version\":\"1\"", "\"edition\":\"1\"", &["metadata `version`", "missing"]);
     changed("SI: m, N, J", "mm, N", &["metadata `units`", "mm"]);

@@ -85,6 +85,7 @@ fn coupled(radius_m: f64) -> Body {
             cubic: [2e3, 0.0, -1e3, 0.0].map(|c| ramp(0.0, c)),
             quartic: ramp(1e5, 3e5),
             friction: Curve::through(&KNOTS, &FRICTION, Interpolation::Linear, Extension::Constant).unwrap(),
+            curvature: [0.0; 3],
         }
     });
     let law = CoupledLaw { range_m: LATERAL_MAX, potentials: potentials.collect() };

@@ -8,7 +8,7 @@ use crate::drive::Drive;
 use crate::force_law::{Blend, ForceLaw, NO_DIRECTION};
 use crate::kernel::{Change, Deflection, Drift, Evaluation, Reading};
 use glam::{DMat3, DVec3};
-use palpate_body::law::{QUANTITIES, Reach, at_depth, coupled};
+use palpate_body::law::{QUANTITIES, Reach, at_depth, coupled, curvature_along, tool_way};
 use palpate_body::{
     ContactModel, CoupledEnergies, Dual, EnergyCache, Gradients, Interval, Node, PointEnergies, PotentialAt,
 };
@@ -300,6 +300,40 @@ impl ForceLaw for Coupled {
     #[inline(always)]
     fn slope_ratio(_: &Self::Element<'_>, _: [f64; 3], _: DVec3, _: DVec3) -> f64 {
         1.0
+    }
+
+    #[inline]
+    fn tool_way(
+        points: &Self::Element<'_>,
+        model: &ContactModel,
+        nodes: [&Node; 3],
+        n: [f64; 3],
+        above: f64,
+        v: DVec3,
+    ) -> f64 {
+        let mut curvature = 0.0;
+        points.each(model, nodes, [n], |potential, [w], _| {
+            curvature += w * curvature_along(*potential.curvature, potential.xi(v));
+        });
+        tool_way(curvature, above)
+    }
+
+    #[inline]
+    fn tool_ways(
+        points: &Self::Element<'_>,
+        model: &ContactModel,
+        nodes: [&Node; 3],
+        n: [f64; 3],
+        above: f64,
+    ) -> [f64; 2] {
+        let (mut low, mut high) = (0.0, 0.0);
+        points.each(model, nodes, [n], |potential, [w], _| {
+            let [k1, k2, k3] = *potential.curvature;
+            let (mean, off) = (0.5 * (k1 + k3), (0.5 * (k1 - k3)).abs() + k2.abs());
+            (low, high) = (low + w * (mean - off), high + w * (mean + off));
+        });
+        let [a, b] = [tool_way(low, above), tool_way(high, above)];
+        [a.min(b), a.max(b)]
     }
 }
 

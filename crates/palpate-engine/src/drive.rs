@@ -9,6 +9,9 @@
 //! (for an isotropic body the bracket's sum is that of E2). Its vector is the drive of [`Exact`]; [`Consistent`] leaves out
 //! f_z û, which is at right angles to a smooth surface, and takes the gradients of the nodes for those of the element;
 //! [`Paper`] leaves out all but f_t.
+//!
+//! Friction works along the tool's way, D is by the contact point's: the first two are divided by how far the tool goes for each
+//! way of the contact point ([`palpate_body::law::tool_way`]).
 
 use crate::force_law::ForceLaw;
 use crate::kernel::{ElementKernel, Evaluation};
@@ -36,6 +39,16 @@ impl Drive {
         // The lateral deflection may have to grow to what balances the rest.
         let step_bound = f.lateral + if f.lateral_slope > 0.0 { force / f.lateral_slope } else { 0.0 };
         Drive { along, force, step_bound, noise }
+    }
+
+    /// For each way of the tool, and not of the contact point.
+    #[inline(always)]
+    fn by_tool<L: ForceLaw>(self, kernel: &ElementKernel<L>, n: [f64; 3], f: &Evaluation) -> Self {
+        if !L::COUPLED {
+            return self;
+        }
+        let per = 1.0 / kernel.tool_way(n, f, self.along);
+        Drive { force: self.force * per, noise: self.noise * per, ..self }
     }
 }
 
@@ -105,13 +118,14 @@ impl Rule for Consistent {
         last_reaction: DVec3,
     ) -> Drive {
         let most = greatest(kernel, n, f);
-        if f.lateral_force + most <= f.limit {
+        let [least, farthest] = kernel.tool_ways(n, f);
+        if f.lateral_force + most <= f.limit * least.min(1.0) {
             return Paper::drive(kernel, n, f);
         }
         let guess = Drive::of(f.u_t * f.lateral_force - last_reaction, 0.0, f);
         let inside = n[0] != 0.0 && n[1] != 0.0 && n[2] != 0.0;
         // Beyond the limit by more than the search's tolerance.
-        if inside && f.lateral_force - most > 1.001 * f.limit && guess.force > 1.001 * f.limit {
+        if inside && f.lateral_force - most > 1.001 * f.limit * farthest && guess.force > 1.001 * f.limit {
             return guess;
         }
         Self::drive(kernel, n, f)
@@ -121,7 +135,7 @@ impl Rule for Consistent {
     fn drive<L: ForceLaw>(kernel: &mut ElementKernel<L>, n: [f64; 3], f: &Evaluation) -> Drive {
         let reaction = reaction(kernel, n, f);
         let noise = NOISE * (reaction.x.abs() + reaction.y.abs() + reaction.z.abs());
-        Drive::of(f.u_t * f.lateral_force - reaction, noise, f)
+        Drive::of(f.u_t * f.lateral_force - reaction, noise, f).by_tool(kernel, n, f)
     }
 }
 
@@ -134,7 +148,7 @@ impl Rule for Exact {
 
     #[inline(always)]
     fn drive<L: ForceLaw>(kernel: &mut ElementKernel<L>, n: [f64; 3], f: &Evaluation) -> Drive {
-        Drive::of(exact(kernel, n, f), 0.0, f)
+        Drive::of(exact(kernel, n, f), 0.0, f).by_tool(kernel, n, f)
     }
 }
 

@@ -167,4 +167,29 @@ pub(crate) trait ForceLaw: Copy + Default {
 
     /// How much less f_t falls along `old` than along `new`, or more.
     fn slope_ratio(coefficients: &Self::Element<'_>, n: [f64; 3], old: DVec3, new: DVec3) -> f64;
+
+    /// How far the tool goes for each way of the contact point along the unit vector `v`, as friction counts it; `above` is R − δz, m.
+    #[inline(always)]
+    fn tool_way(
+        _coefficients: &Self::Element<'_>,
+        _model: &ContactModel,
+        _nodes: [&Node; 3],
+        _n: [f64; 3],
+        _above: f64,
+        _v: DVec3,
+    ) -> f64 {
+        1.0
+    }
+
+    /// The least and the greatest of that over all directions, about.
+    #[inline(always)]
+    fn tool_ways(
+        _coefficients: &Self::Element<'_>,
+        _model: &ContactModel,
+        _nodes: [&Node; 3],
+        _n: [f64; 3],
+        _above: f64,
+    ) -> [f64; 2] {
+        [1.0; 2]
+    }
 }

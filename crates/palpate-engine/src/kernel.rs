@@ -266,6 +266,20 @@ impl<'a, L: ForceLaw> ElementKernel<'a, L> {
         L::implicit_drive_direction(&self.coefficients, self.response_coordinates(n), f, drive)
     }
 
+    /// See [`ForceLaw::tool_way`], at `n`, where `f` was evaluated.
+    #[inline(always)]
+    pub fn tool_way(&self, n: [f64; 3], f: &Evaluation, v: DVec3) -> f64 {
+        let above = self.setting.radius_m - f.depth;
+        L::tool_way(&self.coefficients, self.body, self.nodes, self.response_coordinates(n), above, v)
+    }
+
+    /// See [`ForceLaw::tool_ways`], at `n`, where `f` was evaluated.
+    #[inline(always)]
+    pub fn tool_ways(&self, n: [f64; 3], f: &Evaluation) -> [f64; 2] {
+        let above = self.setting.radius_m - f.depth;
+        L::tool_ways(&self.coefficients, self.body, self.nodes, self.response_coordinates(n), above)
+    }
+
     /// See [`ForceLaw::slope_ratio`], at `n`.
     #[inline]
     pub fn slope_ratio(&self, n: [f64; 3], old: DVec3, new: DVec3) -> f64 {

@@ -199,6 +199,7 @@ pub(crate) mod tests {
                 cubic: [1.0, -0.5, 0.7, 0.3].map(|c| ramp(0.3, 1e4 * c, 7.0 + c)),
                 quartic: ramp(0.5, 1e7, 8.0),
                 friction: curve([0.2 + p.y; 4], [0.0; 4], palpate_body::Extension::Constant),
+                curvature: [20.0, 8.0, -30.0],
             }
         };
         parts.coupled =

@@ -8,7 +8,7 @@ mod bodies;
 use bodies::{RANGE_M, as_coupled, coupled, sparse};
 use common::*;
 use glam::DVec3;
-use palpate_body::{Body, Curve, Extension, Potential, SlipRule, TriangleMesh};
+use palpate_body::{Body, Curve, Extension, Potential, SlipRule, Tool, TriangleMesh};
 use palpate_engine::{Ablation, Contact, Flags};
 use proptest::prelude::*;
 
@@ -268,6 +268,62 @@ fn scaled(potential: &Potential, factor: f64) -> Potential {
         cubic: potential.cubic.each_ref().map(curve),
         quartic: curve(&potential.quartic),
         friction: potential.friction.clone(),
+        curvature: potential.curvature,
+    }
+}
+
+/// A ball that slides over a cylinder goes farther than its contact point around it, and as far along it: where the test points say how
+/// the surface is curved, the hand works against μ f_z for each metre of its own way, in every direction.
+#[test]
+fn friction_counts_the_tools_way() {
+    const ROUND: f64 = 0.03;
+    const BALL: f64 = 8e-3;
+    const DEPTH: f64 = 3e-3;
+    const MU: f64 = 0.3;
+    // Around it, along it, and both at once.
+    for (kind, [round, along]) in [("around", [1.0, 0.0]), ("along", [0.0, 1.0]), ("aslant", [0.8, 0.6])] {
+        for rule in [SlipRule::Consistent, SlipRule::Exact] {
+            let found = [0.0, 1.0 / ROUND].map(|curved| {
+                let mesh = cylinder(ROUND, 0.1, 120, 51);
+                let mut parts = as_coupled(&mesh, [500.0, 700.0, MU], rule).parts();
+                parts.tool = Tool::Sphere { radius_m: BALL };
+                let normals = parts.surface.inward_normals().to_vec();
+                for (p, u) in parts.coupled.iter_mut().flat_map(|law| &mut law.potentials).zip(normals) {
+                    let [x, y] = p.tangents.map(|t| t.dot(DVec3::Z.cross(u)));
+                    p.curvature = [x * x, x * y, y * y].map(|k| k * curved);
+                }
+                let body = Body::new(parts).unwrap();
+                let mut contact = Contact::new(&body);
+                let above = ROUND + BALL;
+                let at = |angle: f64, z: f64, depth: f64| {
+                    let (sin, cos) = libm::sincos(angle);
+                    DVec3::new((above - depth) * cos, (above - depth) * sin, z)
+                };
+                let mut x = at(0.01, -0.02, -1e-4);
+                step(&mut contact, &body, x);
+                for i in 0..=50 {
+                    x = at(0.01, -0.02, DEPTH * f64::from(i) / 50.0);
+                    step(&mut contact, &body, x);
+                }
+                // Of the hand's way once all slips, and of μ f_z along it.
+                let (mut work, mut held) = (0.0, 0.0);
+                for i in 0..2000 {
+                    let s = 2e-5 * f64::from(i);
+                    let next = at(0.01 + s * round / (above - DEPTH), -0.02 + s * along, DEPTH);
+                    let output = step(&mut contact, &body, next);
+                    if i > 1000 {
+                        let c = output.contact.unwrap();
+                        work -= force(&output).dot(next - x);
+                        held += MU * 100.0 * 500.0 * c.delta_z_m.powi(2) * (next - x).length();
+                    }
+                    x = next;
+                }
+                work / held
+            });
+            let stretched = round / (1.0 + (BALL - DEPTH) / ROUND);
+            assert!((found[0] - stretched.hypot(along)).abs() < 0.02, "{kind}, {rule:?}: {found:?}");
+            assert!((found[1] - 1.0).abs() < 0.01, "{kind}, {rule:?}: {found:?}");
+        }
     }
 }
 

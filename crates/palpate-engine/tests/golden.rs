@@ -50,6 +50,8 @@ struct Case {
     tank: bool,
     /// Whether the law is a coupled potential.
     coupled: bool,
+    /// Whether friction counts the tool's way.
+    curved: bool,
 }
 
 /// The paper's experiment.
@@ -63,11 +65,12 @@ const POINT: Case = Case {
     share: 1,
     tank: false,
     coupled: false,
+    curved: false,
 };
 
 /// Every rule for a point and a sphere, for isotropic and anisotropic bodies, on curves of several knots with blends that
 /// neighbours share or that go far.
-const CASES: [Case; 25] = [
+const CASES: [Case; 28] = [
     POINT,
     Case { name: "frictionless", friction: 0.0, ..POINT },
     Case { name: "sphere", radius_m: 3e-3, ..POINT },
@@ -93,6 +96,9 @@ const CASES: [Case; 25] = [
     Case { name: "consistent-coupled", coupled: true, tank: true, ..CONSISTENT },
     Case { name: "exact-coupled", coupled: true, radius_m: 3e-3, ..EXACT },
     Case { name: "consistent-coupled-mixed", coupled: true, share: 5, radius_m: 3e-3, ..CONSISTENT },
+    Case { name: "consistent-curved", coupled: true, curved: true, radius_m: 3e-3, ..CONSISTENT },
+    Case { name: "consistent-curved-mixed", coupled: true, curved: true, share: 5, ..CONSISTENT },
+    Case { name: "exact-curved", coupled: true, curved: true, radius_m: 3e-3, ..EXACT },
 ];
 const CONSISTENT: Case = Case { slip: SlipRule::Consistent, ..POINT };
 const EXACT: Case = Case { slip: SlipRule::Exact, ..POINT };
@@ -102,7 +108,12 @@ impl Case {
         let mesh = ellipsoid(DVec3::new(0.03, 0.029, 0.031), 2);
         if self.coupled {
             let body = coupled::coupled(&mesh, &mut Random::new(11), 0.25, self.friction, self.radius_m);
-            return if self.share == 1 { body } else { coupled::sparse(&body, self.share) };
+            let mut parts = if self.share == 1 { body } else { coupled::sparse(&body, self.share) }.parts();
+            if !self.curved {
+                let potentials = parts.coupled.iter_mut().flat_map(|law| &mut law.potentials);
+                potentials.for_each(|p| p.curvature = [0.0; 3]);
+            }
+            return Body::new(parts).unwrap();
         }
         let surface = palpate_body::Surface::build(&mesh, f64::INFINITY).unwrap();
         let kz = |p: DVec3| 600.0 * (1.0 + 0.4 * p.x / 0.03 - 0.2 * p.y * p.z / 9e-4);

@@ -618,6 +618,7 @@ mod tests {
             cubic: [level(cubic), level(0.0), level(0.0), level(0.0)],
             quartic: level(0.0),
             friction: level(0.3),
+            curvature: [0.0; 3],
         };
         let kept = |law: Potential| growing(&law, DVec3::Z, 4e-3).unwrap().map(|(potential, _)| potential);
         // Along t₁ the slope is K + 6 r C: here from −44 to 244 N/m.

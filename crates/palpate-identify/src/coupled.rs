@@ -5,7 +5,7 @@
 //! the smallest rotation and scaled by the lateral stiffness at each depth.
 
 use crate::between::{Prior, Simulated, Spread, round};
-use crate::curvature::{Curvatures, capacity, scaled, slip_friction};
+use crate::curvature::{Curvatures, capacity, scaled};
 use crate::error::FitError;
 use crate::fit::{FitReport, PointReport, SAME_DEFLECTION};
 use crate::paths::{PointRecord, check, friction};
@@ -233,7 +233,7 @@ pub fn fit_coupled(
         let scale = radius.max(deepest);
         let curvatures = Curvatures::new(surface, scale);
         for (potential, &node) in potentials.iter_mut().zip(&test_point_nodes) {
-            potential.friction = slip_friction(&potential.friction, radius, curvatures.at(node))?;
+            potential.curvature = curvatures.at(node, potential.tangents);
         }
     }
     let points = locals.iter().map(|local| PointReport {
@@ -334,7 +334,7 @@ fn places<'a>(
     let fits = locals.par_iter().map(|local| {
         let quantities = if local.dragged() { QUANTITIES - 1 } else { UP_TO_STIFFNESS };
         let fit = fit_stuck(&local.samples, &local.stiffness, local.tangents, &fit_options, quantities)?;
-        let held = capacity(local.record);
+        let held = capacity(local.record, options.tool_radius_m.unwrap_or(0.0));
         let friction = scaled(&mu, |depth| between_rows(&held, depth).unwrap_or(1.0))?;
         Ok((Potential { friction, ..fit.potential }, fit.reciprocity))
     });

@@ -1,44 +1,36 @@
 //! How curved a surface is on the scale of a tool, and what that makes of friction.
 //!
 //! While a tool slides at the depth δ over a surface of curvature κ, its reference point moves farther than the contact point,
-//! by x = c + (δ − r) û and dû = −κ dc: |dx| = (1 + (r − δ) κ) |dc|. Friction works along the tool's way, and slip counts the
-//! contact point's (LAW, (L1)). So that both dissipate the same, the coefficient of slip is
-//!
-//! ```text
-//! μ_slip(δ) = μ(δ) (1 + (r − δ) κ)
-//! ```
-//!
-//! and what the tool then feels in sustained sliding is μ f_z.
+//! by x = c + (δ − r) û and dû = −κ dc: |dx| = (1 + (r − δ) κ) |dc|. Friction works along the tool's way, and the engine counts it so
+//! where a potential says how its place is curved, in each direction for itself ([`palpate_body::law::tool_way`]).
 
 use crate::error::FitError;
 use crate::paths::PointRecord;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use palpate_body::{Curve, Surface};
 use std::collections::HashMap;
+use std::f64::consts::PI;
 
-/// Between which ends the factor stays: an edge that is sharp against the tool, or a hollow as narrow as it, has no one curvature.
-const ENDS: [f64; 2] = [0.5, 2.0];
 /// Where hardly anything presses along û any more the pressures say nothing.
 const WRAPPED: f64 = 1.5;
 
-/// The coefficient of slip at a place of this curvature (1/m) under a sphere of radius `tool_radius_m` (0 for a tool whose
-/// reference point is its tip), from the material's.
-pub(crate) fn slip_friction(material: &Curve, tool_radius_m: f64, curvature: f64) -> Result<Curve, FitError> {
-    let [low, high] = ENDS;
-    let factor = |depth: f64| (1.0 + (tool_radius_m - depth) * curvature).clamp(low, high);
-    scaled(material, factor)
-}
-
-/// What a contact that wraps around the tool holds, in parts of μ f_z, over depth (m).
+/// What a contact that wraps around the tool, a ball of `tool_radius_m` (0: another tool), holds, in parts of μ f_z, over depth (m).
 ///
 /// Friction acts on every part of the contact, Σ μ p in all, and f_z is what of these pressures points along û: with θ the angle
 /// between both, Σ p = f_z/⟨cos θ⟩. And the material that slips there goes along arcs, 1/cos θ for each way of the tool where
 /// that leads up or down, 1 where it leads past: on the mean over the directions another ⟨cos θ⟩^−½.
-pub(crate) fn capacity(record: &PointRecord) -> Vec<(f64, f64)> {
+///
+/// A contact that sticks carries a part of f_z by its grip, and Σ p is less than sliding. Not less than it can be: even pressures
+/// over a patch of area A under a ball have ⟨cos θ⟩ = 1 − A/(4 π R²), to the first order.
+pub(crate) fn capacity(record: &PointRecord, tool_radius_m: f64) -> Vec<(f64, f64)> {
     let u = record.inward.normalize();
-    let at = record.press.iter().zip(&record.pressed_n).filter(|(row, _)| row.1.dot(u) > 0.0);
-    let at = at.map(|(row, pressed)| {
-        let wrapped = (pressed / row.1.dot(u)).clamp(1.0, WRAPPED);
+    let ball = 4.0 * PI * tool_radius_m * tool_radius_m;
+    let patches = record.patch_m2.iter().copied().chain(std::iter::repeat(0.0));
+    let at =
+        record.press.iter().zip(&record.pressed_n).zip(patches).filter(|((row, _), _)| row.1.dot(u) > 0.0);
+    let at = at.map(|((row, pressed), patch)| {
+        let even = if ball > 0.0 { 1.0 / (1.0 - patch / ball).max(1.0 / WRAPPED) } else { 1.0 };
+        let wrapped = (pressed / row.1.dot(u)).clamp(even, WRAPPED);
         (row.0, wrapped * wrapped.sqrt())
     });
     std::iter::once((0.0, 1.0)).chain(at).collect()
@@ -51,7 +43,7 @@ pub(crate) fn scaled(friction: &Curve, factor: impl Fn(f64) -> f64) -> Result<Cu
     crate::paths::friction(&rows, knots)
 }
 
-/// Mean curvatures of a surface over balls of one radius.
+/// Curvatures of a surface, over balls of one radius.
 pub(crate) struct Curvatures<'a> {
     surface: &'a Surface,
     radius: f64,
@@ -68,26 +60,35 @@ impl<'a> Curvatures<'a> {
         Curvatures { surface, radius, cubes }
     }
 
-    /// At a node, 1/m, positive where the body is convex: how normals turn on the way to the nodes around, the least squares of
-    /// û_j − û = −κ (p_j − p). Of nodes beyond an edge or on the body's other side, whose normals point elsewhere, it takes none.
-    pub fn at(&self, node: u32) -> f64 {
+    /// At a node, in these tangents, [κ₁₁, κ₁₂, κ₂₂], 1/m, positive where the body is convex: how normals turn on the way to the nodes
+    /// around, the least squares of û_j − û = −κ (p_j − p) in the tangent plane. Of nodes beyond an edge or on the body's other side, whose
+    /// normals point elsewhere, it takes none. Where the nodes lie on a line, or there are none, 0.
+    pub fn at(&self, node: u32, [t1, t2]: [DVec3; 2]) -> [f64; 3] {
         let (positions, normals) = (self.surface.positions(), self.surface.inward_normals());
         let (p, u) = (positions[node as usize], normals[node as usize]);
         let [x, y, z] = cube(p, self.radius);
-        let (mut turned, mut squares) = (0.0, 0.0);
+        // Of κ's components (11, 12, 22): κ₁₁ a + κ₁₂ b and κ₁₂ a + κ₂₂ b are the turns along t₁ and t₂.
+        let (mut squares, mut turned) = (DMat3::ZERO, DVec3::ZERO);
         let near = -1..=1;
         for (i, j, k) in
             near.clone().flat_map(|i| near.clone().flat_map(move |j| (-1..=1).map(move |k| (i, j, k))))
         {
             for &n in self.cubes.get(&[x + i, y + j, z + k]).into_iter().flatten() {
-                let (way, turn) = (positions[n as usize] - p, normals[n as usize] - u);
+                let (way, turn) = (positions[n as usize] - p, u - normals[n as usize]);
                 if way.length_squared() <= self.radius * self.radius && normals[n as usize].dot(u) > 0.0 {
-                    turned -= turn.dot(way);
-                    squares += way.length_squared();
+                    let [a, b] = [t1, t2].map(|t| t.dot(way));
+                    let [c, d] = [t1, t2].map(|t| t.dot(turn));
+                    squares += DMat3::from_cols(
+                        DVec3::new(a * a, a * b, 0.0),
+                        DVec3::new(a * b, a * a + b * b, a * b),
+                        DVec3::new(0.0, a * b, b * b),
+                    );
+                    turned += DVec3::new(a * c, b * c + a * d, b * d);
                 }
             }
         }
-        if squares > 0.0 { turned / squares } else { 0.0 }
+        let flat = squares.determinant().abs() <= 1e-6 * (squares.y_axis.y / 2.0).powi(3);
+        if flat { [0.0; 3] } else { (squares.inverse() * turned).to_array() }
     }
 }
 
@@ -98,40 +99,55 @@ fn cube(p: DVec3, width: f64) -> [i64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::paths::friction;
     use palpate_body::shape::{Resolution, Shape};
 
-    fn curvature(shape: Shape, at: DVec3) -> f64 {
+    /// At the node nearest to `at`, along two ways.
+    fn curvature(shape: Shape, at: DVec3, tangents: [DVec3; 2]) -> [f64; 3] {
         let mesh = shape.mesh(Resolution { edge_length_mm: Some(4.0), ..Resolution::default() });
         let surface = Surface::build(&mesh.unwrap(), 0.7).unwrap();
         let distance = |n: &u32| surface.positions()[*n as usize].distance(at);
         let nearest =
             (0..surface.positions().len() as u32).min_by(|a, b| distance(a).total_cmp(&distance(b)));
-        Curvatures::new(&surface, 8e-3).at(nearest.unwrap())
+        Curvatures::new(&surface, 8e-3).at(nearest.unwrap(), tangents)
     }
 
     #[test]
     fn balls_cylinders_and_planes_have_the_curvature_that_they_have() {
-        let ball = curvature(Shape::Sphere { radius_mm: 40.0 }, DVec3::Z * 0.04);
-        assert!((ball * 0.04 - 1.0).abs() < 0.02, "{ball}");
+        let near = |found: [f64; 3], expected: [f64; 3]| {
+            let off = (0..3).map(|i| (found[i] * 0.04 - expected[i]).abs()).fold(0.0, f64::max);
+            assert!(off < 0.04, "{found:?}, where {expected:?}/40 mm belongs");
+        };
+        let ball = curvature(Shape::Sphere { radius_mm: 40.0 }, DVec3::Z * 0.04, [DVec3::X, DVec3::Y]);
+        near(ball, [1.0, 0.0, 1.0]);
         let cylinder = Shape::Cylinder { radius_mm: 40.0, length_mm: 120.0, caps: true };
-        let side = curvature(cylinder, DVec3::X * 0.04);
-        assert!((side * 0.04 - 0.5).abs() < 0.1, "{side}");
+        near(curvature(cylinder, DVec3::X * 0.04, [DVec3::Y, DVec3::Z]), [1.0, 0.0, 0.0]);
+        let (y, z) = (DVec3::Y, DVec3::Z);
+        let aslant = [(y + z).normalize(), (z - y).normalize()];
+        near(curvature(cylinder, DVec3::X * 0.04, aslant), [0.5, -0.5, 0.5]);
         let block = Shape::Block { size_mm: [60.0, 60.0, 30.0] };
-        assert!(curvature(block, DVec3::Z * 0.015).abs() < 1e-9);
+        let flat = curvature(block, DVec3::Z * 0.015, [DVec3::X, DVec3::Y]);
+        assert!(flat.iter().all(|k| k.abs() < 1e-9), "{flat:?}");
     }
 
     #[test]
-    fn the_way_of_the_tool_is_what_friction_works_along() {
-        let rows = [(0.0, 0.3), (4e-3, 0.5)];
-        let knots = [0.0, 2e-3, 4e-3, 6e-3];
-        let material = friction(&rows, &knots).unwrap();
-        let curve = slip_friction(&material, 5e-3, 20.0).unwrap();
-        for (depth, mu) in [(0.0, 0.3), (2e-3, 0.4), (4e-3, 0.5), (6e-3, 0.5)] {
-            let expected = mu * (1.0 + (5e-3 - depth) * 20.0);
-            assert!((curve.value(depth) - expected).abs() < 1e-12);
+    fn a_patch_under_a_ball_holds_what_even_pressures_do() {
+        let press = [1e-3, 2e-3, 3e-3].map(|d| (d, DVec3::NEG_Z * 100.0 * d)).to_vec();
+        let record = PointRecord {
+            node: 0,
+            inward: DVec3::NEG_Z,
+            pressed_n: vec![0.095, 0.2, 0.45],
+            // Of a ball of 5 mm: none, a fifth and a fifth of its great circle.
+            patch_m2: vec![0.0, 5e-6 * PI, 5e-6 * PI],
+            press,
+            stiffness: Vec::new(),
+            drags: Vec::new(),
+            stopped: None,
+        };
+        let held = |radius| capacity(&record, radius).into_iter().map(|row| row.1).collect::<Vec<f64>>();
+        let expected = [1.0, 1.0, (1.0f64 / 0.95).powf(1.5), 1.5f64.powf(1.5)];
+        for (found, expected) in held(5e-3).into_iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
         }
-        // A hollow that is narrower than the tool.
-        assert!((slip_friction(&material, 5e-3, -300.0).unwrap().value(0.0) - 0.15).abs() < 1e-12);
+        assert!((held(0.0)[2] - 1.0).abs() < 1e-12);
     }
 }

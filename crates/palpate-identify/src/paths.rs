@@ -24,6 +24,8 @@ pub struct PointRecord {
     pub press: Vec<(f64, DVec3)>,
     /// For each of these states the sum of pressures over the contact, whatever their directions, N; empty if not known.
     pub pressed_n: Vec<f64>,
+    /// How much of the surface at rest touches in each of these states, m²; empty if not known.
+    pub patch_m2: Vec<f64>,
     /// Depth (m) of pressed states, and how the force on the body changes there with a small motion of the tool that sticks,
     /// N/m: symmetric, in the body's axes.
     pub stiffness: Vec<(f64, DMat3)>,

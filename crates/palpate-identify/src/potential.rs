@@ -507,6 +507,7 @@ impl Problem {
             cubic: [curve(6)?, curve(7)?, curve(8)?, curve(9)?],
             quartic: curve(10)?,
             friction: Curve::hermite(knots_m, &mu, &flat, Extension::Constant)?,
+            curvature: [0.0; 3],
         })
     }
 }

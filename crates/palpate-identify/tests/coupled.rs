@@ -40,6 +40,7 @@ fn known(u: DVec3, stiff: f64) -> Potential {
         cubic: [held(500.0), held(-300.0), held(200.0), held(900.0)],
         quartic: held(3e4),
         friction: Curve::hermite(&knots, &[0.3; 25], &[0.0; 25], Extension::Constant).unwrap(),
+        curvature: [0.0; 3],
     }
 }
 

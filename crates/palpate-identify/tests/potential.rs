@@ -34,6 +34,7 @@ fn known(cubic: f64) -> Potential {
         cubic: [held(cubic, 1.0, 0.5), held(cubic, -0.5, 0.2), held(cubic, 0.3, 0.1), held(cubic, 1.0, 2.0)],
         quartic: held(2e4, 1.0, 1.5),
         friction: Curve::hermite(&KNOTS, &[0.3; 5], &[0.0; 5], Extension::Constant).unwrap(),
+        curvature: [0.0; 3],
     }
 }
 

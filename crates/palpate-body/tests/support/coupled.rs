@@ -47,5 +47,14 @@ pub fn potential(seed: u64, cubic: f64) -> Potential {
     let [values, slopes] = [values, slopes].map(|v| <[f64; 6]>::try_from(v).unwrap());
     let press = curve(values, slopes, Extension::Quadratic);
     let turn = DVec3::new(unit() - 0.5, unit() - 0.5, 0.0).normalize();
-    Potential { tangents: [turn, DVec3::Z.cross(turn)], press, offset, stiffness, cubic, quartic, friction }
+    Potential {
+        tangents: [turn, DVec3::Z.cross(turn)],
+        press,
+        offset,
+        stiffness,
+        cubic,
+        quartic,
+        friction,
+        curvature: [0.0; 3],
+    }
 }

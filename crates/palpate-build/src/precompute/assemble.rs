@@ -270,6 +270,7 @@ pub fn point_record(node: u32, paths: &PointPaths, plan: &PointPlan) -> PointRec
         inward: plan.inward,
         press: paths.press.states.iter().map(|s| (s.depth_m, s.force_n)).collect(),
         pressed_n: paths.press.states.iter().map(|s| s.pressed_n).collect(),
+        patch_m2: paths.press.states.iter().map(|s| s.patch_m2).collect(),
         stiffness: stiffness.collect(),
         drags: drags.collect(),
         stopped: all.into_iter().find_map(|p| p.stopped.as_ref()).map(|s| s.why.clone()),

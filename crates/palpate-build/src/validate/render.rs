@@ -218,7 +218,7 @@ fn lacking(depth: f64, rows: &[(f64, f64)]) -> [(Source, Lacking); 4] {
         let knots = p.friction.knots();
         let values: Vec<f64> = knots.iter().map(|&k| between_rows(&rows, k).unwrap_or(0.0)).collect();
         let friction = Curve::through(knots, &values, Interpolation::Linear, Extension::Constant)?;
-        Ok(Potential { friction, ..p.clone() })
+        Ok(Potential { friction, curvature: [0.0; 3], ..p.clone() })
     };
     let none = |c: &Curve| Curve::blend(&[(0.0, c)]);
     let straight = move |p: &Potential| -> palpate_body::Result<Potential> {
@@ -313,6 +313,7 @@ pub fn sticking(body: &Body, normal_max_m: f64) -> Result<Body> {
             cubic: [c1?, c2?, c3?, c4?],
             quartic: on(&p.quartic)?,
             friction,
+            curvature: p.curvature,
         };
     }
     Ok(Body::new(parts)?)

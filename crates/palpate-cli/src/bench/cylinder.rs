@@ -106,6 +106,7 @@ pub fn coupled_cylinder(triangles: usize, ratio: f64) -> Result<Body> {
                 &[0.0; 6],
                 Extension::Constant,
             )?,
+            curvature: [0.0, 0.0, 1.0 / RADIUS],
         })
     };
     let potentials = body.test_point_nodes().iter().zip(body.curves()).map(potential);

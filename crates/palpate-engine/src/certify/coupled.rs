@@ -10,13 +10,18 @@ use super::patch::{Cell, ElementStates, View};
 use super::rates::{Rate, slope};
 use super::states::before;
 use glam::{DMat3, DVec3};
-use palpate_body::law::{CoupledRow, QUANTITIES, Reach, at_depth, coupled, monomials};
+use palpate_body::law::{
+    CoupledRow, QUANTITIES, Reach, at_depth, coupled, curvature_along, monomials, tool_way,
+};
 use palpate_body::{Body, Dual, Number, SlipRule};
 use std::array::from_fn;
 
 /// P is asked of states from this share of the greatest depth on: all forces vanish with the depth, and no
 /// bound of their ratios is known there.
 pub const SHALLOWEST: f64 = 0.02;
+
+/// What drives no slip, N: over a cell whose drives have no direction each way counts.
+const NO_DRIVE: f64 = 1e-12;
 
 /// The coupled law of an element's nodes, in the element's basis.
 #[derive(Debug, Clone)]
@@ -37,6 +42,7 @@ struct Point {
     /// (knots)
     rows: Vec<CoupledRow>,
     tangents: [DVec3; 2],
+    curvature: [f64; 3],
     /// Of the three nodes: weights, and what ∇W_l takes its energy times, 1/m.
     weights: [f64; 3],
     gradients: [DVec3; 3],
@@ -82,8 +88,11 @@ struct State<T> {
     pushing: T,
     force: [T; 3],
     limit: T,
-    /// μ.
+    /// μ times how far the tool goes for each way of the contact point along d.
     friction: T,
+    /// The same with d and L for each way of the tool.
+    drive_by_tool: [T; 3],
+    limit_by_tool: T,
 }
 
 impl<T: Copy> State<T> {
@@ -98,6 +107,8 @@ impl<T: Copy> State<T> {
             force: self.force.map(of),
             limit: of(self.limit),
             friction: of(self.friction),
+            drive_by_tool: self.drive_by_tool.map(of),
+            limit_by_tool: of(self.limit_by_tool),
         }
     }
 }
@@ -158,6 +169,7 @@ impl Coupled {
                 test_point: t,
                 rows: (0..self.knots.len()).map(row).collect(),
                 tangents: body.potentials().at(t, 0).tangents.map(local),
+                curvature: *body.potentials().at(t, 0).curvature,
                 weights: [0.0; 3],
                 gradients: [DVec3::ZERO; 3],
             });
@@ -359,7 +371,39 @@ impl<'a> Place<'a> {
             }
             _ => (lateral, [zero; 3], from_fn(|i| s.u[i] * pulling - own[i])),
         };
-        State { u: s.u, drive, reaction, miss, pushing, force, limit: friction * pushing, friction }
+        let way = if patch.slip == SlipRule::Paper { T::constant(1.0) } else { self.tool_way(s, &drive) };
+        let (limit_by_tool, per_way) = (friction * pushing, way.recip());
+        State {
+            u: s.u,
+            drive,
+            reaction,
+            miss,
+            pushing,
+            force,
+            limit: limit_by_tool * way,
+            friction: friction * way,
+            drive_by_tool: drive.map(|x| x * per_way),
+            limit_by_tool,
+        }
+    }
+
+    /// How far the tool goes for each way of the contact point along a drive.
+    fn tool_way<T: Number>(&self, s: &Situation<T>, drive: &[T; 3]) -> T {
+        let points = &self.law.points;
+        if points.iter().all(|point| point.curvature == [0.0; 3]) {
+            return T::constant(1.0);
+        }
+        let per_size = dot(*drive, *drive).at_least(NO_DRIVE * NO_DRIVE).sqrt().recip();
+        let way = drive.map(|x| x * per_size);
+        let mut nodes = [T::constant(0.0); 3];
+        for point in points {
+            let xi = point.tangents.map(|t| along(way, self.turn.transpose() * t));
+            let curvature = curvature_along(point.curvature, xi);
+            for (node, w) in nodes.iter_mut().zip(point.weights).filter(|(_, w)| *w != 0.0) {
+                *node = *node + curvature * w;
+            }
+        }
+        tool_way(T::blend(s.n, nodes), -s.depth + self.patch.radius_m)
     }
 }
 
@@ -543,9 +587,9 @@ fn slopes<const M: usize>(over: &Over, slip: &Slip, patch: &ElementStates) -> su
     let of = |k: usize| {
         let at = |v: [[Interval; M]; 3]| v.map(|x| *x.get(k).unwrap_or(&Interval::ZERO));
         Rate {
-            drive: at(rates.drive),
+            drive: at(rates.drive_by_tool),
             force: at(rates.force),
-            limit: *rates.limit.get(k).unwrap_or(&Interval::ZERO),
+            limit: *rates.limit_by_tool.get(k).unwrap_or(&Interval::ZERO),
         }
     };
     let tool = (M == 5).then(|| [of(2), of(3), of(4)]);

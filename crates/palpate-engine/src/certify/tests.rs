@@ -139,7 +139,8 @@ fn drives<L: ForceLaw, R: Rule>(bodies: &[Body], slip: SlipRule) {
             continue;
         }
         compared += 1;
-        let lateral_force = if L::COUPLED { drive.force } else { patch.law.lateral_at(n, reach) };
+        let way = if slip == SlipRule::Paper { 1.0 } else { kernel.tool_way(n, &f, drive.along) };
+        let lateral_force = if L::COUPLED { way * drive.force } else { patch.law.lateral_at(n, reach) };
         let forces = f.normal.max(0.0) + lateral_force;
         let inward = -body.outward(element);
         let project = |v: DVec3| v - inward * v.dot(inward);

@@ -61,6 +61,7 @@ pub fn coupled(mesh: &TriangleMesh, random: &mut Random, spread: f64, friction: 
                 Extension::Constant,
             )
             .unwrap(),
+            curvature: [25.0, 8.0, -15.0].map(|k| k * spread * (1.0 + libm::sin(p.dot(waves[0])))),
         }
     };
     let potentials = surface.positions().iter().zip(surface.inward_normals()).map(potential).collect();
@@ -129,6 +130,7 @@ pub fn as_coupled(mesh: &TriangleMesh, [kz, kr, friction]: [f64; 3], slip: SlipR
             cubic: [(); 4].map(|()| constant(0.0)),
             quartic: constant(0.0),
             friction: constant(friction),
+            curvature: [0.0; 3],
         }
     };
     let potentials = surface.inward_normals().iter().map(potential).collect();

@@ -185,7 +185,11 @@ impl<'a> Reference<'a> {
     /// The vector that slip follows. Energies are differenced here at the tool held, and no formula of the engine's is used.
     pub fn drive(&self, reading: &Reading, element: usize, c: DVec3, tip: DVec3) -> DVec3 {
         match self.rule {
-            SlipRule::Exact => -self.slope(element, |c| self.read(element, c, tip).energy, c),
+            SlipRule::Exact => {
+                let nodes = self.body.elements()[element].nodes.map(|n| n as usize);
+                let slope = -self.slope(element, |c| self.read(element, c, tip).energy, c);
+                self.by_tool(reading, self.area_coordinates(element, c), nodes, slope)
+            }
             SlipRule::Consistent => {
                 let p_u = |v: DVec3| v - reading.u * v.dot(reading.u);
                 // What W loses while û alone turns, or A, or the curves change: the law at other places, averaged.
@@ -199,10 +203,23 @@ impl<'a> Reference<'a> {
                     sum += n[l] * (gradient - u * (0.5 * reading.u.dot(gradient)));
                     sum += n[l] * self.nodal(nodes[l], |_, u| self.turned(u, element, n, tip - c));
                 }
-                reading.u_r * reading.fr - p_u(sum)
+                self.by_tool(reading, n, nodes, reading.u_r * reading.fr - p_u(sum))
             }
             _ => reading.u_r * reading.fr,
         }
+    }
+
+    /// For each way of the tool: 1 + (R − δz) κ times the contact point's, between ½ and 2, with κ along the drive.
+    fn by_tool(&self, reading: &Reading, n: [f64; 3], nodes: [usize; 3], drive: DVec3) -> DVec3 {
+        let Some(law) = &self.coupled else { return drive };
+        let v = drive.normalize_or_zero();
+        let curvature = |t: usize| {
+            let [k1, k2, k3] = law.potentials[t].curvature;
+            let [x, y] = law.potentials[t].tangents.map(|t| t.dot(v));
+            k1 * x.powi(2) + 2.0 * k2 * x * y + k3 * y.powi(2)
+        };
+        let curvature: f64 = (0..3).map(|l| n[l] * self.mixed_of(nodes[l], curvature)).sum();
+        drive / (1.0 + (self.body.tool().radius_m() - reading.depth) * curvature).clamp(0.5, 2.0)
     }
 
     /// W of the element's law with the curves of node `l` alone and, so that tensors count, ½ of its tensor's share.
