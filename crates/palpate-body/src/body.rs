@@ -398,7 +398,7 @@ impl Body {
                     return Err(BodyError::invalid("law", problem, "give one kind of law"));
                 }
                 let at: Vec<DVec3> = test_point_nodes.iter().map(|&n| surface.inward[n as usize]).collect();
-                law.check(&at)?;
+                law.check(&at, tool.radius_m())?;
                 let (knots, potentials) = Potentials::new(law)?;
                 (Responses::knots_alone(knots, law.range_m)?, potentials)
             }

@@ -10,6 +10,7 @@
 //! A law is linear in its coefficients, so that test points blend by their weights.
 
 use crate::number::Number;
+use glam::DVec3;
 use std::array::from_fn;
 
 /// What the decoupled law says at one deflection.
@@ -73,19 +74,66 @@ pub fn at_depth<T: Number>([a, b, c, d]: &CoupledRow, t: T) -> AtDepth<T> {
     AtDepth { value, slope }
 }
 
-/// How curved a surface is along ξ, a vector in the tangents of this tensor [κ₁₁, κ₁₂, κ₂₂], 1/m: ξ·κ ξ, for |ξ| = 1.
+/// A symmetric tensor of space: xx, xy, xz, yy, yz, zz.
+pub type Symmetric<T> = [T; 6];
+
+/// A tensor [11, 12, 22] of the plane of these tangents in space.
 #[inline(always)]
-pub fn curvature_along<T: Number>([k1, k2, k3]: [f64; 3], [x, y]: [T; 2]) -> T {
-    x * x * k1 + x * y * (2.0 * k2) + y * y * k3
+pub fn in_space([k1, k2, k3]: [f64; 3], [s, t]: [DVec3; 2]) -> Symmetric<f64> {
+    let (a, b) = (s * k1 + t * k2, s * k2 + t * k3);
+    let row = |i: usize| a * s[i] + b * t[i];
+    let [x, y, z] = [row(0), row(1), row(2)];
+    [x.x, x.y, x.z, y.y, y.z, z.z]
 }
 
-/// How far the tool goes for each way of a contact point that slips with it, 1 + (R − δz) κ (MODEL 4): `above` is R − δz, m, and
-/// `curvature` that along the way, 1/m. Between ½ and 2: an edge that is sharp against the tool, or a hollow as narrow as it, has no
-/// one curvature.
+/// How the tool moves with a contact point that slips under it, M = 1 + (R − δz) P κ P, P the projection along the unit vector
+/// `normal` (MODEL 4): `curvature` is κ in space, 1/m, and `above` R − δz, m, which counts as −R/2 at least and R at most, so that M
+/// lies between ½ and 2 where [`curvature_bounds`] hold.
 #[inline(always)]
-pub fn tool_way<T: Number>(curvature: T, above: T) -> T {
-    let way = (curvature * above + 1.0).at_least(0.5);
-    -(-way).at_least(-2.0)
+pub fn tool_motion<T: Number>(
+    curvature: Symmetric<T>,
+    normal: [T; 3],
+    above: T,
+    radius: f64,
+) -> Symmetric<T> {
+    let above = -(-above.at_least(-0.5 * radius)).at_least(-radius);
+    let [x, y, z] = normal;
+    let [p, q, r] = moved(&curvature, normal);
+    let half = (p * x + q * y + r * z) * 0.5;
+    // κ − û kᵀ − k ûᵀ + (û·k) û ûᵀ with k = κ û.
+    let (p, q, r) = (p - x * half, q - y * half, r - z * half);
+    let [xx, xy, xz, yy, yz, zz] = curvature;
+    let across =
+        [xx - x * p * 2.0, xy - x * q - y * p, xz - x * r - z * p, yy - y * q * 2.0, yz - y * r - z * q];
+    let [xx, xy, xz, yy, yz] = across.map(|k| k * above);
+    [xx + 1.0, xy, xz, yy + 1.0, yz, (zz - z * r * 2.0) * above + 1.0]
+}
+
+/// The least and the greatest curvature, 1/m, that counts under a ball of this radius (m): what is curved more, an edge that is sharp
+/// against the tool or a hollow as narrow as it, has no one curvature. Under a point all count: it moves as the contact point does.
+pub fn curvature_bounds(radius: f64) -> [f64; 2] {
+    if radius > 0.0 { [-0.5 / radius, 1.0 / radius] } else { [f64::NEG_INFINITY, f64::INFINITY] }
+}
+
+/// The eigenvalues of a symmetric matrix [11, 12, 22], the smaller first.
+#[inline(always)]
+pub fn eigenvalues([a, b, c]: [f64; 3]) -> [f64; 2] {
+    let (mean, off) = (0.5 * (a + c), (0.25 * (a - c) * (a - c) + b * b).sqrt());
+    [mean - off, mean + off]
+}
+
+/// M v.
+#[inline(always)]
+pub fn moved<T: Number>([xx, xy, xz, yy, yz, zz]: &Symmetric<T>, [x, y, z]: [T; 3]) -> [T; 3] {
+    [*xx * x + *xy * y + *xz * z, *xy * x + *yy * y + *yz * z, *xz * x + *yz * y + *zz * z]
+}
+
+/// M⁻¹ of a symmetric tensor that has one.
+#[inline(always)]
+pub fn inverse<T: Number>([xx, xy, xz, yy, yz, zz]: Symmetric<T>) -> Symmetric<T> {
+    let (a, b, c) = (yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy);
+    let per = (xx * a + xy * b + xz * c).recip();
+    [a, b, c, xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy].map(|x| x * per)
 }
 
 /// What the coupled law says at one deflection.

@@ -3,7 +3,10 @@
 use crate::curve::{Curve, Derivatives, Extension};
 use crate::error::{BodyError, Result};
 use crate::growth::{Growth, growth};
-use crate::law::{AtDepth, Coupled, CoupledRow, QUANTITIES, Reach, at_depth, coupled, coupled_alone};
+use crate::law::{
+    AtDepth, Coupled, CoupledRow, QUANTITIES, Reach, Symmetric, at_depth, coupled, coupled_alone,
+    curvature_bounds, eigenvalues, in_space, moved,
+};
 use crate::response::Knots;
 use glam::DVec3;
 
@@ -30,7 +33,8 @@ pub struct Potential {
     /// μ(δz) ≥ 0.
     pub friction: Curve,
     /// κ₁₁, κ₁₂, κ₂₂, 1/m: how curved the surface is on the tool's scale, positive where it is convex. The way that friction counts
-    /// follows from it ([`law::tool_way`](crate::law::tool_way)); all 0: the contact point's own.
+    /// follows from it ([`law::tool_motion`](crate::law::tool_motion)); all 0: the contact point's own. Under a ball within
+    /// [`law::curvature_bounds`](crate::law::curvature_bounds).
     pub curvature: [f64; 3],
 }
 
@@ -142,12 +146,6 @@ impl Potential {
 /// Parts of an interval that are bounded each for itself.
 const PARTS: u32 = 8;
 
-/// Of a symmetric matrix [11, 12, 22], the smaller first.
-fn eigenvalues([a, b, c]: [f64; 3]) -> [f64; 2] {
-    let (mean, off) = (0.5 * (a + c), (0.5 * (a - c)).hypot(b));
-    [mean - off, mean + off]
-}
-
 /// The greatest sizes of a potential's quantities, or of their derivatives, in the hull of some ordinates.
 struct Sizes {
     press: f64,
@@ -218,9 +216,20 @@ pub const QUANTITY_NAMES: [&str; QUANTITIES] =
 
 impl Potential {
     /// What test point `t` promises of it.
-    pub(crate) fn check_at(&self, t: usize, inward: DVec3, range_m: f64) -> Result<()> {
+    pub(crate) fn check_at(&self, t: usize, inward: DVec3, range_m: f64, radius_m: f64) -> Result<()> {
         self.check(inward, range_m)
+            .and_then(|()| self.check_curvature(radius_m))
             .map_err(|(problem, hint)| BodyError::invalid(format!("test point {t}"), problem, hint))
+    }
+
+    fn check_curvature(&self, radius_m: f64) -> Checked {
+        let ([low, high], [least, most]) = (eigenvalues(self.curvature), curvature_bounds(radius_m));
+        let rounding = TOLERANCE * most;
+        if low < least - rounding || high > most + rounding {
+            let problem = format!("its curvature is {low:.1} to {high:.1} /m, the tool's {most:.1} /m");
+            return Err((problem, "give no more than the tool's, and half of that in a hollow"));
+        }
+        Ok(())
     }
 
     /// All that a potential promises, as bounds on its whole range; `inward` is the unit normal of its test point.
@@ -357,8 +366,8 @@ pub struct Potentials {
     rows: Vec<CoupledRow>,
     /// (test points)
     tangents: Vec<[DVec3; 2]>,
-    /// (test points): κ₁₁, κ₁₂, κ₂₂, 1/m
-    curvatures: Vec<[f64; 3]>,
+    /// (test points): κ in space, 1/m
+    curvatures: Vec<Symmetric<f64>>,
     columns: usize,
     range_m: f64,
 }
@@ -370,13 +379,13 @@ pub struct PotentialAt<'a> {
     pub row: &'a CoupledRow,
     /// t₁ and t₂.
     pub tangents: &'a [DVec3; 2],
-    /// κ₁₁, κ₁₂, κ₂₂, 1/m: see [`Potential::curvature`].
-    pub curvature: &'a [f64; 3],
+    /// κ in space, 1/m: see [`Potential::curvature`].
+    pub curvature: &'a Symmetric<f64>,
 }
 
 const NO_ROW: CoupledRow = [[0.0; QUANTITIES]; 4];
 const NO_TANGENTS: [DVec3; 2] = [DVec3::ZERO; 2];
-const NO_CURVATURE: [f64; 3] = [0.0; 3];
+const NO_CURVATURE: Symmetric<f64> = [0.0; 6];
 
 impl Potentials {
     /// Lays out a law.
@@ -402,7 +411,7 @@ impl Potentials {
                 row
             }));
             table.tangents.push(potential.tangents);
-            table.curvatures.push(potential.curvature);
+            table.curvatures.push(in_space(potential.curvature, potential.tangents));
         }
         Ok((knots, table))
     }
@@ -474,6 +483,13 @@ impl Potentials {
 }
 
 impl PotentialAt<'_> {
+    /// κ₁₁, κ₁₂, κ₂₂ in its tangents, 1/m.
+    pub fn plane_curvature(&self) -> [f64; 3] {
+        let [s, t] = *self.tangents;
+        let of = |v: DVec3| DVec3::from_array(moved(self.curvature, v.to_array()));
+        [s.dot(of(s)), s.dot(of(t)), t.dot(of(t))]
+    }
+
     /// ξ of a lateral deflection.
     #[inline(always)]
     pub fn xi(&self, tangential: DVec3) -> [f64; 2] {
@@ -542,11 +558,11 @@ fn turned(
 }
 
 impl CoupledLaw {
-    /// What every test point promises; `inward` are the normals there.
-    pub(crate) fn check(&self, inward: &[DVec3]) -> Result<()> {
+    /// What every test point promises; `inward` are the normals there, `radius_m` that of the tool.
+    pub(crate) fn check(&self, inward: &[DVec3], radius_m: f64) -> Result<()> {
         check_range(self.range_m)?;
         let mut all = self.potentials.iter().zip(inward).enumerate();
-        all.try_for_each(|(t, (potential, u))| potential.check_at(t, *u, self.range_m))
+        all.try_for_each(|(t, (potential, u))| potential.check_at(t, *u, self.range_m, radius_m))
     }
 
     /// How many test points there are.

@@ -130,7 +130,7 @@ impl StoredBody {
 
         let (law, model_header) = match parsed.coupled()? {
             None => Self::check_responses(&parsed, at)?,
-            Some(header) => Self::check_potentials(&parsed, header, at, inward)?,
+            Some(header) => Self::check_potentials(&parsed, header, at, inward, tool.radius_m())?,
         };
 
         parsed.json("provenance", serde_json::from_str::<Provenance>)?;
@@ -200,6 +200,7 @@ impl StoredBody {
         header: CoupledHeader,
         at: &[u32],
         inward: &[DVec3],
+        radius_m: f64,
     ) -> Result<(Law, (Responses, Potentials))> {
         let tangents: &[[DVec3; 2]] = column(parsed, "coupled_tangents")?;
         let ordinates: &[[f64; 4]] = column(parsed, "coupled_curves")?;
@@ -207,7 +208,7 @@ impl StoredBody {
         let places = tangents.iter().copied().zip(parsed.curvatures(at.len()));
         for (t, (place, row)) in places.zip(ordinates.chunks_exact(header.width())).enumerate() {
             let potential = header.potential(t, place, row)?;
-            potential.check_at(t, inward[at[t] as usize], header.range_m)?;
+            potential.check_at(t, inward[at[t] as usize], header.range_m, radius_m)?;
             if t == 0 {
                 first.push(potential);
             }

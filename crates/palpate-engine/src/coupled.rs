@@ -5,13 +5,16 @@
 //! transport from one test point to another.
 
 use crate::drive::Drive;
-use crate::force_law::{Blend, ForceLaw, NO_DIRECTION};
+use crate::force_law::{Blend, ForceLaw, NO_DIRECTION, ToolMotion};
 use crate::kernel::{Change, Deflection, Drift, Evaluation, Reading};
 use glam::{DMat3, DVec3};
-use palpate_body::law::{QUANTITIES, Reach, at_depth, coupled, curvature_along, tool_way};
+use palpate_body::law::{QUANTITIES, Reach, at_depth, coupled, tool_motion};
 use palpate_body::{
     ContactModel, CoupledEnergies, Dual, EnergyCache, Gradients, Interval, Node, PointEnergies, PotentialAt,
 };
+
+/// No eigenvalue of a [`ToolMotion`] is less ([`palpate_body::law::curvature_bounds`]).
+const LEAST_MOTION: f64 = 0.5;
 
 /// The potentials that an element blends, in the current interval of δz; those of its [`Blend::points`] unless it blends widely.
 #[derive(Clone, Copy)]
@@ -294,7 +297,7 @@ impl ForceLaw for Coupled {
 
     #[inline(always)]
     fn implicit_drive_direction(_: &Self::Element<'_>, _: [f64; 3], _: &Evaluation, drive: &Drive) -> DVec3 {
-        drive.along
+        drive.way
     }
 
     #[inline(always)]
@@ -302,38 +305,28 @@ impl ForceLaw for Coupled {
         1.0
     }
 
-    #[inline]
-    fn tool_way(
+    #[inline(always)]
+    fn tool_motion(
         points: &Self::Element<'_>,
         model: &ContactModel,
         nodes: [&Node; 3],
         n: [f64; 3],
-        above: f64,
-        v: DVec3,
-    ) -> f64 {
-        let mut curvature = 0.0;
+        normal: DVec3,
+        [above, radius]: [f64; 2],
+    ) -> Option<ToolMotion> {
+        let mut curvature = [0.0; 6];
         points.each(model, nodes, [n], |potential, [w], _| {
-            curvature += w * curvature_along(*potential.curvature, potential.xi(v));
+            curvature.iter_mut().zip(potential.curvature).for_each(|(sum, k)| *sum += w * k);
         });
-        tool_way(curvature, above)
-    }
-
-    #[inline]
-    fn tool_ways(
-        points: &Self::Element<'_>,
-        model: &ContactModel,
-        nodes: [&Node; 3],
-        n: [f64; 3],
-        above: f64,
-    ) -> [f64; 2] {
-        let (mut low, mut high) = (0.0, 0.0);
-        points.each(model, nodes, [n], |potential, [w], _| {
-            let [k1, k2, k3] = *potential.curvature;
-            let (mean, off) = (0.5 * (k1 + k3), (0.5 * (k1 - k3)).abs() + k2.abs());
-            (low, high) = (low + w * (mean - off), high + w * (mean + off));
-        });
-        let [a, b] = [tool_way(low, above), tool_way(high, above)];
-        [a.min(b), a.max(b)]
+        if curvature == [0.0; 6] {
+            return None;
+        }
+        let tensor = tool_motion(curvature, normal.to_array(), above, radius);
+        // No eigenvalue is farther from 1 than the tensor less 1 is long.
+        let [xx, xy, xz, yy, yz, zz] = tensor;
+        let diagonal = [xx, yy, zz].map(|x| (x - 1.0) * (x - 1.0)).iter().sum::<f64>();
+        let off = (diagonal + 2.0 * (xy * xy + xz * xz + yz * yz)).sqrt();
+        Some(ToolMotion { tensor, bounds: [(1.0 - off).max(LEAST_MOTION), 1.0 + off] })
     }
 }
 

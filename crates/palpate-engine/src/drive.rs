@@ -10,19 +10,22 @@
 //! f_z û, which is at right angles to a smooth surface, and takes the gradients of the nodes for those of the element;
 //! [`Paper`] leaves out all but f_t.
 //!
-//! Friction works along the tool's way, D is by the contact point's: the first two are divided by how far the tool goes for each
-//! way of the contact point ([`palpate_body::law::tool_way`]).
+//! Friction works along the tool's way M t, D is by the contact point's ([`palpate_body::law::tool_motion`]): it holds g as long as
+//! g·t ≤ L |M t| for every t, so that the drives of the first two are M⁻¹ g; and what they drive goes along M⁻² g.
 
-use crate::force_law::ForceLaw;
+use crate::force_law::{ForceLaw, ToolMotion};
 use crate::kernel::{ElementKernel, Evaluation};
 use glam::{DVec3, Vec3A};
 use palpate_body::ContactModel;
+use palpate_body::law::inverse;
 
 /// A drive, to be brought within the friction limit.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Drive {
-    /// Its direction, a unit vector, or zero.
+    /// Its direction, a unit vector, or zero: that of the tool's way.
     pub along: DVec3,
+    /// The contact point's way, likewise.
+    pub way: DVec3,
     /// Its size, N.
     pub force: f64,
     /// Bound on the distance that the contact point may have to move, m.
@@ -38,17 +41,28 @@ impl Drive {
         let along = if force > 0.0 { vector * (1.0 / force) } else { DVec3::ZERO };
         // The lateral deflection may have to grow to what balances the rest.
         let step_bound = f.lateral + if f.lateral_slope > 0.0 { force / f.lateral_slope } else { 0.0 };
-        Drive { along, force, step_bound, noise }
+        Drive { along, way: along, force, step_bound, noise }
     }
 
-    /// For each way of the tool, and not of the contact point.
+    /// Of a drive for each way of the contact point.
     #[inline(always)]
-    fn by_tool<L: ForceLaw>(self, kernel: &ElementKernel<L>, n: [f64; 3], f: &Evaluation) -> Self {
-        if !L::COUPLED {
-            return self;
-        }
-        let per = 1.0 / kernel.tool_way(n, f, self.along);
-        Drive { force: self.force * per, noise: self.noise * per, ..self }
+    fn by_contact_point(vector: DVec3, noise: f64, f: &Evaluation, motion: Option<ToolMotion>) -> Self {
+        let Some(motion) = motion else { return Drive::of(vector, noise, f) };
+        let inverse = ToolMotion { tensor: inverse(motion.tensor), ..motion };
+        Drive::of(inverse.moved(vector), noise, f).led_by(&inverse)
+    }
+
+    /// The same drive, along which the contact point goes by what it is told of M⁻¹.
+    #[inline(always)]
+    fn led_by(self, inverse: &ToolMotion) -> Self {
+        Drive { way: inverse.moved(self.along).normalize_or_zero(), ..self }
+    }
+
+    /// Its size for each way of the tool, while the contact point goes along the unit vector `v`, N.
+    #[inline(always)]
+    pub fn component(&self, v: DVec3, motion: Option<ToolMotion>) -> f64 {
+        let way = motion.map_or(v, |motion| motion.moved(v).normalize_or_zero());
+        self.force * self.along.dot(way)
     }
 }
 
@@ -81,6 +95,12 @@ pub(crate) trait Rule {
 
     /// The drive at area coordinates `n`, where `f` was just evaluated.
     fn drive<L: ForceLaw>(kernel: &mut ElementKernel<L>, n: [f64; 3], f: &Evaluation) -> Drive;
+
+    /// How the tool moves with the contact point there, in the plane of the drive; the seed's rule does not ask.
+    #[inline(always)]
+    fn motion<L: ForceLaw>(_: &ElementKernel<L>, _: [f64; 3], _: &Evaluation) -> Option<ToolMotion> {
+        None
+    }
 }
 
 /// f_t: the seed paper's section 3.2.
@@ -95,7 +115,8 @@ impl Rule for Paper {
         // A coupled potential acts laterally without any lateral deflection.
         let further =
             if L::COUPLED && f.lateral_slope > 0.0 { f.lateral_force / f.lateral_slope } else { 0.0 };
-        Drive { along: f.u_t, force: f.lateral_force, step_bound: f.lateral + further, noise: 0.0 }
+        let step_bound = f.lateral + further;
+        Drive { along: f.u_t, way: f.u_t, force: f.lateral_force, step_bound, noise: 0.0 }
     }
 }
 
@@ -118,11 +139,16 @@ impl Rule for Consistent {
         last_reaction: DVec3,
     ) -> Drive {
         let most = greatest(kernel, n, f);
-        let [least, farthest] = kernel.tool_ways(n, f);
-        if f.lateral_force + most <= f.limit * least.min(1.0) {
+        let motion = Self::motion(kernel, n, f);
+        let [least, farthest] = motion.map_or([1.0; 2], |motion| motion.bounds);
+        if f.lateral_force + most <= f.limit * least {
             return Paper::drive(kernel, n, f);
         }
         let guess = Drive::of(f.u_t * f.lateral_force - last_reaction, 0.0, f);
+        let guess = match motion {
+            Some(motion) => guess.led_by(&ToolMotion { tensor: inverse(motion.tensor), ..motion }),
+            None => guess,
+        };
         let inside = n[0] != 0.0 && n[1] != 0.0 && n[2] != 0.0;
         // Beyond the limit by more than the search's tolerance.
         if inside && f.lateral_force - most > 1.001 * f.limit * farthest && guess.force > 1.001 * f.limit {
@@ -135,7 +161,13 @@ impl Rule for Consistent {
     fn drive<L: ForceLaw>(kernel: &mut ElementKernel<L>, n: [f64; 3], f: &Evaluation) -> Drive {
         let reaction = reaction(kernel, n, f);
         let noise = NOISE * (reaction.x.abs() + reaction.y.abs() + reaction.z.abs());
-        Drive::of(f.u_t * f.lateral_force - reaction, noise, f).by_tool(kernel, n, f)
+        let motion = Self::motion(kernel, n, f);
+        Drive::by_contact_point(f.u_t * f.lateral_force - reaction, noise, f, motion)
+    }
+
+    #[inline(always)]
+    fn motion<L: ForceLaw>(kernel: &ElementKernel<L>, n: [f64; 3], f: &Evaluation) -> Option<ToolMotion> {
+        if L::COUPLED { kernel.tool_motion(n, f, f.u()) } else { None }
     }
 }
 
@@ -148,7 +180,13 @@ impl Rule for Exact {
 
     #[inline(always)]
     fn drive<L: ForceLaw>(kernel: &mut ElementKernel<L>, n: [f64; 3], f: &Evaluation) -> Drive {
-        Drive::of(exact(kernel, n, f), 0.0, f).by_tool(kernel, n, f)
+        let motion = Self::motion(kernel, n, f);
+        Drive::by_contact_point(exact(kernel, n, f), 0.0, f, motion)
+    }
+
+    #[inline(always)]
+    fn motion<L: ForceLaw>(kernel: &ElementKernel<L>, n: [f64; 3], f: &Evaluation) -> Option<ToolMotion> {
+        if L::COUPLED { kernel.tool_motion(n, f, kernel.body.outward(kernel.element)) } else { None }
     }
 }
 

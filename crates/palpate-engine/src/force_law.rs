@@ -4,6 +4,7 @@
 use crate::drive::Drive;
 use crate::kernel::{Change, Deflection, Drift, Evaluation, Reading};
 use glam::DVec3;
+use palpate_body::law::{Symmetric, moved};
 use palpate_body::{ContactModel, Gradients, Node, PointEnergies};
 use std::array::from_fn;
 
@@ -168,28 +169,34 @@ pub(crate) trait ForceLaw: Copy + Default {
     /// How much less f_t falls along `old` than along `new`, or more.
     fn slope_ratio(coefficients: &Self::Element<'_>, n: [f64; 3], old: DVec3, new: DVec3) -> f64;
 
-    /// How far the tool goes for each way of the contact point along the unit vector `v`, as friction counts it; `above` is R − δz, m.
+    /// How the tool moves with a contact point that slips under it, as friction counts it, for drives at right angles to `normal`;
+    /// `None`: as the contact point does. `above` is R − δz, m.
     #[inline(always)]
-    fn tool_way(
+    fn tool_motion(
         _coefficients: &Self::Element<'_>,
         _model: &ContactModel,
         _nodes: [&Node; 3],
         _n: [f64; 3],
-        _above: f64,
-        _v: DVec3,
-    ) -> f64 {
-        1.0
+        _normal: DVec3,
+        [_above, _radius]: [f64; 2],
+    ) -> Option<ToolMotion> {
+        None
     }
+}
 
-    /// The least and the greatest of that over all directions, about.
+/// See [`palpate_body::law::tool_motion`].
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ToolMotion {
+    /// M.
+    pub tensor: Symmetric<f64>,
+    /// Between these lie its eigenvalues; the first is 1 at most, the second at least.
+    pub bounds: [f64; 2],
+}
+
+impl ToolMotion {
+    /// M v.
     #[inline(always)]
-    fn tool_ways(
-        _coefficients: &Self::Element<'_>,
-        _model: &ContactModel,
-        _nodes: [&Node; 3],
-        _n: [f64; 3],
-        _above: f64,
-    ) -> [f64; 2] {
-        [1.0; 2]
+    pub fn moved(&self, v: DVec3) -> DVec3 {
+        DVec3::from_array(moved(&self.tensor, v.to_array()))
     }
 }

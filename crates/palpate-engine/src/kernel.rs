@@ -3,7 +3,7 @@
 //! The step is compiled once for each kind of law: see [`crate::force_law`] and [`crate::coupled`].
 
 use crate::drive::Drive;
-use crate::force_law::ForceLaw;
+use crate::force_law::{ForceLaw, ToolMotion};
 use crate::walk::Rates;
 use glam::DVec3;
 use palpate_body::{ContactModel, Node};
@@ -266,18 +266,12 @@ impl<'a, L: ForceLaw> ElementKernel<'a, L> {
         L::implicit_drive_direction(&self.coefficients, self.response_coordinates(n), f, drive)
     }
 
-    /// See [`ForceLaw::tool_way`], at `n`, where `f` was evaluated.
+    /// See [`ForceLaw::tool_motion`], at `n`, where `f` was evaluated.
     #[inline(always)]
-    pub fn tool_way(&self, n: [f64; 3], f: &Evaluation, v: DVec3) -> f64 {
-        let above = self.setting.radius_m - f.depth;
-        L::tool_way(&self.coefficients, self.body, self.nodes, self.response_coordinates(n), above, v)
-    }
-
-    /// See [`ForceLaw::tool_ways`], at `n`, where `f` was evaluated.
-    #[inline(always)]
-    pub fn tool_ways(&self, n: [f64; 3], f: &Evaluation) -> [f64; 2] {
-        let above = self.setting.radius_m - f.depth;
-        L::tool_ways(&self.coefficients, self.body, self.nodes, self.response_coordinates(n), above)
+    pub fn tool_motion(&self, n: [f64; 3], f: &Evaluation, normal: DVec3) -> Option<ToolMotion> {
+        let (radius, n) = (self.setting.radius_m, self.response_coordinates(n));
+        let heights = [radius - f.depth, radius];
+        L::tool_motion(&self.coefficients, self.body, self.nodes, n, normal, heights)
     }
 
     /// See [`ForceLaw::slope_ratio`], at `n`.

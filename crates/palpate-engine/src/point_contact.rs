@@ -758,7 +758,8 @@ fn signed(nearest: &Nearest) -> f64 {
 #[cold]
 #[inline(never)]
 fn cut(evaluation: &Evaluation, end: End, drive: &Drive) -> DVec3 {
-    let cut = drive.along * (drive.force - evaluation.limit).max(0.0);
+    // Not turned round: what the drive has beside f_t would change with it.
+    let cut = drive.along * (drive.force - evaluation.limit).max(0.0).min(evaluation.lateral_force);
     if end != End::PatchBoundary {
         return cut;
     }

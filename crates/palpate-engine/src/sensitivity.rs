@@ -100,9 +100,9 @@ fn measured<L: ForceLaw, R: Rule>(
     let in_tool_position = DVec3::AXES.map(|axis| slope([0.0; 3], axis));
 
     if drive.force > NO_DRIVE * f.lateral_slope {
-        // φ = d·v − L along the drive v.
+        // φ = d·v − L, v the drive's direction, while c goes its way.
         let v = drive.along;
-        let (force, d, limit) = slope(over(v), DVec3::ZERO);
+        let (force, d, limit) = slope(over(drive.way), DVec3::ZERO);
         let eta = limit - d.dot(v);
         let gradient = DVec3::from_array(in_tool_position.map(|(_, d, limit)| d.dot(v) - limit)).length();
         return (eta > 0.0).then(|| stick + force.length() * gradient / eta);

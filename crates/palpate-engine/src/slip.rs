@@ -197,7 +197,7 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
         let (body, setting, tool_position, budget) =
             (self.kernel.body, self.kernel.setting, self.tool_position, &mut *self.budget);
         let start = if R::CONTINUOUS && setting.is_continuous() && !body.has_creases() {
-            start_direction(body, *self.at, |_| if budget.cross() { drive.along } else { DVec3::ZERO })
+            start_direction(body, *self.at, |_| if budget.cross() { drive.way } else { DVec3::ZERO })
         } else {
             start_direction(body, *self.at, |there| {
                 if budget.is_spent() {
@@ -206,7 +206,7 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
                 budget.evaluate();
                 let mut kernel = ElementKernel::<L>::new(body, setting, there.element);
                 let evaluation = kernel.evaluate(there.n, tool_position);
-                R::drive(&mut kernel, there.n, &evaluation).along
+                R::drive(&mut kernel, there.n, &evaluation).way
             })
         };
         // Not all of the directions were tried.
@@ -219,10 +219,7 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
             StartDirection::PatchBoundary => return Err(End::PatchBoundary),
             // On an edge only the component along it drives.
             StartDirection::Edge(_, along)
-                if within(
-                    &Drive { force: drive.force * drive.along.dot(along), ..drive },
-                    self.evaluation,
-                ) =>
+                if within(&Drive { force: self.component(along), ..drive }, self.evaluation) =>
             {
                 return Err(End::Blocked);
             }
@@ -233,7 +230,7 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
             *self.at = there;
             self.evaluate_again();
         }
-        Ok(v.unwrap_or(self.drive.along))
+        Ok(v.unwrap_or(self.drive.way))
     }
 
     /// The implicit step's direction.
@@ -257,7 +254,7 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
         let (stiffness, farthest) = (self.evaluation.lateral_slope, 1.5 * self.drive.step_bound);
         let believable = |compliance: f64| compliance * stiffness < 10.0 && compliance * stiffness > 0.1;
         let (mut v, mut compliance, mut travelled) = (v, compliance, 0.0);
-        let first = self.drive.force * self.drive.along.dot(v) - self.evaluation.limit;
+        let first = self.component(v) - self.evaluation.limit;
         let energy = self.evaluation.energy;
         let mut excess = first;
         // The paper's rule has the scalar secant alone.
@@ -342,12 +339,12 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
     #[inline(never)]
     fn line(&mut self, v: DVec3) -> f64 {
         let energy = self.evaluation.energy;
-        let excess = |d: &Drive, f: &Evaluation| {
-            let excess = d.force * d.along.dot(v) - f.limit;
+        let excess = |component: f64, d: &Drive, f: &Evaluation| {
+            let excess = component - f.limit;
             // Beyond an energy maximum, into another minimum: too far, whatever the drive says there.
             if R::PASSIVE && raised(f, energy) { -excess.abs() - 2.0 * tolerance(d, f) } else { excess }
         };
-        let (mut s, mut g) = (0.0, excess(&self.drive, self.evaluation));
+        let (mut s, mut g) = (0.0, excess(self.component(v), &self.drive, self.evaluation));
         if g <= 0.0 {
             return 0.0;
         }
@@ -370,7 +367,7 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
             self.evaluate_again();
             let (s_before, g_before) = (s, g);
             s += walked * displacement.signum();
-            g = excess(&self.drive, self.evaluation);
+            g = excess(self.component(v), &self.drive, self.evaluation);
             tries += 1;
             if g.abs() <= tolerance(&self.drive, self.evaluation) {
                 return s;
@@ -404,6 +401,12 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
         *self.at = low.1;
         self.evaluate_again();
         low.0
+    }
+
+    /// The drive while the contact point goes along `v`, N.
+    #[inline(always)]
+    fn component(&self, v: DVec3) -> f64 {
+        self.drive.component(v, R::motion(self.kernel, self.at.n, self.evaluation))
     }
 
     /// How fast slip along `v` takes the drive to its limit, N/m.

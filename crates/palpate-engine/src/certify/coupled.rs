@@ -11,7 +11,8 @@ use super::rates::{Rate, slope};
 use super::states::before;
 use glam::{DMat3, DVec3};
 use palpate_body::law::{
-    CoupledRow, QUANTITIES, Reach, at_depth, coupled, curvature_along, monomials, tool_way,
+    CoupledRow, QUANTITIES, Reach, Symmetric, at_depth, coupled, eigenvalues, in_space, inverse, monomials,
+    moved, tool_motion,
 };
 use palpate_body::{Body, Dual, Number, SlipRule};
 use std::array::from_fn;
@@ -19,9 +20,6 @@ use std::array::from_fn;
 /// P is asked of states from this share of the greatest depth on: all forces vanish with the depth, and no
 /// bound of their ratios is known there.
 pub const SHALLOWEST: f64 = 0.02;
-
-/// What drives no slip, N: over a cell whose drives have no direction each way counts.
-const NO_DRIVE: f64 = 1e-12;
 
 /// The coupled law of an element's nodes, in the element's basis.
 #[derive(Debug, Clone)]
@@ -31,6 +29,8 @@ pub(super) struct Coupled {
     pub range_m: f64,
     points: Vec<Point>,
     sums: Vec<Summed>,
+    /// The least and the greatest κ of the nodes, or 0, 1/m; none where the tool moves as the contact point does.
+    curvatures: Option<[f64; 2]>,
     /// The nodes' ∇(u·b) as matrices that take b, 1/m; none but for `consistent`.
     turns: Option<[DMat3; 3]>,
 }
@@ -42,6 +42,7 @@ struct Point {
     /// (knots)
     rows: Vec<CoupledRow>,
     tangents: [DVec3; 2],
+    /// κ₁₁, κ₁₂, κ₂₂ in the tangents, 1/m.
     curvature: [f64; 3],
     /// Of the three nodes: weights, and what ∇W_l takes its energy times, 1/m.
     weights: [f64; 3],
@@ -84,15 +85,14 @@ struct State<T> {
     reaction: [T; 3],
     /// W's own slope along the element less P d and f_z⁺ P û, g − P (d + f_z⁺ û), N.
     miss: [T; 2],
-    /// f_z⁺ = max(f_z, 0), f and L, N.
+    /// f_z⁺ = max(f_z, 0), f and L, N, and μ.
     pushing: T,
     force: [T; 3],
     limit: T,
-    /// μ times how far the tool goes for each way of the contact point along d.
     friction: T,
-    /// The same with d and L for each way of the tool.
-    drive_by_tool: [T; 3],
-    limit_by_tool: T,
+    /// M⁻¹ d, what is brought within L, and M⁻² d, along which c goes; the same as d where the tool moves as the contact point does.
+    counted: [T; 3],
+    way: [T; 3],
 }
 
 impl<T: Copy> State<T> {
@@ -107,8 +107,8 @@ impl<T: Copy> State<T> {
             force: self.force.map(of),
             limit: of(self.limit),
             friction: of(self.friction),
-            drive_by_tool: self.drive_by_tool.map(of),
-            limit_by_tool: of(self.limit_by_tool),
+            counted: self.counted.map(of),
+            way: self.way.map(of),
         }
     }
 }
@@ -126,12 +126,21 @@ impl Coupled {
             range_m: potentials.range_m(),
             points: Vec::new(),
             sums: Vec::new(),
+            curvatures: None,
             turns: None,
         };
         for (l, node) in nodes.iter().enumerate() {
             for (t, w) in node.test_points.into_iter().zip(node.weights).filter(|(_, w)| *w != 0.0) {
                 law.point(body, t, local, factor).weights[l] += w;
             }
+        }
+        let curved = law.points.iter().map(|point| point.curvature).filter(|k| *k != [0.0; 3]);
+        if rule != SlipRule::Paper {
+            let each = curved.map(eigenvalues);
+            law.curvatures = each.fold(None, |all, [low, high]| {
+                let [least, most] = all.unwrap_or_default();
+                Some([low.min(least), high.max(most)])
+            });
         }
         if rule == SlipRule::Consistent {
             let derived = body.prepared_gradients();
@@ -169,7 +178,7 @@ impl Coupled {
                 test_point: t,
                 rows: (0..self.knots.len()).map(row).collect(),
                 tangents: body.potentials().at(t, 0).tangents.map(local),
-                curvature: *body.potentials().at(t, 0).curvature,
+                curvature: body.potentials().at(t, 0).plane_curvature(),
                 weights: [0.0; 3],
                 gradients: [DVec3::ZERO; 3],
             });
@@ -231,6 +240,7 @@ struct Place<'a> {
     law: &'a Coupled,
     view: &'a View,
     interval: usize,
+    depth_m: [f64; 2],
     /// The depth in the middle of the cell, m: rows are expanded there, so that intervals of the depth stay
     /// narrow.
     middle: f64,
@@ -247,7 +257,7 @@ impl<'a> Place<'a> {
     ) -> Self {
         let [cos, sin] = view.azimuth;
         let turn = DMat3::from_cols(DVec3::new(cos, sin, 0.0), DVec3::new(-sin, cos, 0.0), DVec3::Z);
-        Place { patch, law, view, interval, middle: 0.5 * (low + high), turn }
+        Place { patch, law, view, interval, depth_m: [low, high], middle: 0.5 * (low + high), turn }
     }
 
     /// A contact point and a deflection in a direction of the element.
@@ -371,39 +381,44 @@ impl<'a> Place<'a> {
             }
             _ => (lateral, [zero; 3], from_fn(|i| s.u[i] * pulling - own[i])),
         };
-        let way = if patch.slip == SlipRule::Paper { T::constant(1.0) } else { self.tool_way(s, &drive) };
-        let (limit_by_tool, per_way) = (friction * pushing, way.recip());
-        State {
-            u: s.u,
-            drive,
-            reaction,
-            miss,
-            pushing,
-            force,
-            limit: limit_by_tool * way,
-            friction: friction * way,
-            drive_by_tool: drive.map(|x| x * per_way),
-            limit_by_tool,
-        }
+        let (counted, way) = match self.tool_motion(s) {
+            None => (drive, drive),
+            Some(tensor) => {
+                let inverse = inverse(tensor);
+                let counted = moved(&inverse, drive);
+                (counted, moved(&inverse, counted))
+            }
+        };
+        let limit = friction * pushing;
+        State { u: s.u, drive, reaction, miss, pushing, force, limit, friction, counted, way }
     }
 
-    /// How far the tool goes for each way of the contact point along a drive.
-    fn tool_way<T: Number>(&self, s: &Situation<T>, drive: &[T; 3]) -> T {
-        let points = &self.law.points;
-        if points.iter().all(|point| point.curvature == [0.0; 3]) {
-            return T::constant(1.0);
-        }
-        let per_size = dot(*drive, *drive).at_least(NO_DRIVE * NO_DRIVE).sqrt().recip();
-        let way = drive.map(|x| x * per_size);
-        let mut nodes = [T::constant(0.0); 3];
-        for point in points {
-            let xi = point.tangents.map(|t| along(way, self.turn.transpose() * t));
-            let curvature = curvature_along(point.curvature, xi);
-            for (node, w) in nodes.iter_mut().zip(point.weights).filter(|(_, w)| *w != 0.0) {
-                *node = *node + curvature * w;
+    /// How the tool moves with the contact point, M; `None`: as it does.
+    fn tool_motion<T: Number>(&self, s: &Situation<T>) -> Option<Symmetric<T>> {
+        self.law.curvatures?;
+        let mut nodes = [[0.0; 6]; 3];
+        for point in &self.law.points {
+            let curvature = in_space(point.curvature, point.tangents.map(|t| self.turn.transpose() * t));
+            for (node, w) in nodes.iter_mut().zip(point.weights) {
+                node.iter_mut().zip(curvature).for_each(|(sum, k)| *sum += w * k);
             }
         }
-        tool_way(T::blend(s.n, nodes), -s.depth + self.patch.radius_m)
+        let curvature = from_fn(|i| T::blend(s.n, nodes.map(|node| T::constant(node[i]))));
+        let radius = self.patch.radius_m;
+        // The plane that drives lie in.
+        let up = [0.0, 0.0, 1.0].map(T::constant);
+        let normal = if self.patch.slip == SlipRule::Exact { up } else { s.u };
+        Some(tool_motion(curvature, normal, -s.depth + radius, radius))
+    }
+
+    /// Between these lie M's eigenvalues over the cell, and 1.
+    fn motion_bounds(&self) -> [f64; 2] {
+        let Some(curvatures) = self.law.curvatures else { return [1.0; 2] };
+        let radius = self.patch.radius_m;
+        let each = self.depth_m.into_iter().flat_map(|depth| {
+            curvatures.map(|k| tool_motion([k, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 3], radius - depth, radius)[0])
+        });
+        each.fold([1.0f64; 2], |[least, most], m| [least.min(m), most.max(m)])
     }
 }
 
@@ -458,6 +473,7 @@ impl<'a> Over<'a> {
 /// The drive over a cell, as the slip search sees it.
 struct Slip {
     state: State<Interval>,
+    /// |d| by the tool's way, N.
     size: Interval,
     /// What the search takes for rounding of the drive, N.
     noise: f64,
@@ -485,10 +501,13 @@ impl Slip {
         }
         let rounding = Interval::around_zero(rounding);
         state.drive = state.drive.map(|x| x + rounding);
+        // M⁻¹ makes it no more than twice as long.
+        let twice = rounding * 2.0;
+        state.counted = state.counted.map(|x| x + twice);
         state.miss = state.miss.map(|x| x + rounding);
         let below = below(over.place.patch.slip);
         let least = (state.limit.lo * below - noise).max(0.0);
-        Slip { size: length(state.drive), state, noise, least, below }
+        Slip { size: length(state.counted), state, noise, least, below }
     }
 
     /// Whether a state of the cell can be within the limit.
@@ -513,7 +532,7 @@ pub(super) fn excess(patch: &ElementStates, law: &Coupled, state: &Cell) -> Opti
     let view = patch.view(state);
     let place = Place::new(patch, law, &view, law.pieces(state.depth_m).next()?);
     let state = place.state(&Over::new(&place, state).middle());
-    Some(dot(state.drive, state.drive).sqrt() - state.limit)
+    Some(dot(state.counted, state.counted).sqrt() - state.limit)
 }
 
 /// As [`Criterion::bound`].
@@ -541,7 +560,7 @@ pub(super) fn bound(
         let over = Over::new(&place, &cell);
         let Some(slip) = Slip::new(&place, &over, &cell) else { return f64::INFINITY };
         match criterion {
-            Criterion::Passive => passive(patch, &slip),
+            Criterion::Passive => passive(patch, &slip, place.motion_bounds()),
             // The floor is the decoupled law's.
             Criterion::Floor => f64::NEG_INFINITY,
             Criterion::SnapFree => lipschitz(criterion, patch, &slopes::<2>(&over, &slip, patch)),
@@ -553,26 +572,33 @@ pub(super) fn bound(
     each.fold(f64::INFINITY, f64::min)
 }
 
-/// The least g·t/(|d| + f_z⁺), t along P d or up to `aside` off it. With f = |d| + f_z⁺ and the share s =
-/// |d|/f that is s |P d|/|d| + (1 − s) û·t, whatever the forces' size, and what else g misses.
-fn passive(patch: &ElementStates, slip: &Slip) -> f64 {
-    let Slip { state, size, least, below, .. } = slip;
-    let [x, y, _] = state.drive;
-    let t = direction([x, y]);
+/// The least g·t/(|d| + f_z⁺), t along P M⁻² d or up to `aside` off it. With f = |d| + f_z⁺ and the share s =
+/// |d|/f that is s t·d/|d| + (1 − s) û·t, whatever the forces' size, and what else g misses.
+fn passive(patch: &ElementStates, slip: &Slip, [least_motion, most_motion]: [f64; 2]) -> f64 {
+    let Slip { state, least, below, .. } = slip;
+    let t = direction([state.way[0], state.way[1]]);
     let (sin, cos) = patch.aside.sin_cos();
     let normal = state.pushing;
-    let size = Interval::new(size.lo.max(*least), size.hi);
-    // In slip |d|/f_z is at least μ, nearly.
+    // In slip |M⁻¹ d|/f_z is at least μ, nearly, and |d| no less than that by M's least eigenvalue.
+    let size = length(state.drive);
+    let size = Interval::new(size.lo.max(*least * least_motion), size.hi);
     let ratio = |d: f64, normal: f64| if d > 0.0 { d / (d + normal) } else { 0.0 };
     let held = (state.friction.lo.max(0.0) * below - slip.noise / normal.lo.max(1e-300)).max(0.0);
+    let held = held * least_motion;
     let low = ratio(size.lo, normal.hi).max(held / (1.0 + held));
     let high = ratio(size.hi, normal.lo).max(low);
     let dip = t[0] * state.u[0] + t[1] * state.u[1];
     let lean = length(flat(state.u)).hi;
     let dip = (dip.lo.min(dip.lo * cos) - lean * sin).max(-lean);
-    // |P d|/|d|.
-    let along = (length(flat(state.drive)).lo / size.hi).max(state.u[2].lo);
-    let at = |share: f64| share * along * cos + (1.0 - share) * dip;
+    // t·d/|d|; without curvature that is |P d|/|d|.
+    let along = if least_motion == most_motion {
+        (length(flat(state.drive)).lo / size.hi).max(state.u[2].lo) * cos
+    } else {
+        let [x, y, _] = state.drive;
+        let along = (x * t[0] + y * t[1]).lo * cos - (x * t[1] - y * t[0]).magnitude() * sin;
+        along / if along < 0.0 { size.lo } else { size.hi }
+    };
+    let at = |share: f64| share * along + (1.0 - share) * dip;
     let missing = length([state.miss[0], state.miss[1], Interval::ZERO]).hi;
     let helps = (t[0] * state.miss[0] + t[1] * state.miss[1]).lo;
     let helps = (helps.min(helps * cos) - missing * sin).max(-missing);
@@ -587,9 +613,9 @@ fn slopes<const M: usize>(over: &Over, slip: &Slip, patch: &ElementStates) -> su
     let of = |k: usize| {
         let at = |v: [[Interval; M]; 3]| v.map(|x| *x.get(k).unwrap_or(&Interval::ZERO));
         Rate {
-            drive: at(rates.drive_by_tool),
+            drive: at(rates.counted),
             force: at(rates.force),
-            limit: *rates.limit_by_tool.get(k).unwrap_or(&Interval::ZERO),
+            limit: *rates.limit.get(k).unwrap_or(&Interval::ZERO),
         }
     };
     let tool = (M == 5).then(|| [of(2), of(3), of(4)]);
@@ -597,13 +623,18 @@ fn slopes<const M: usize>(over: &Over, slip: &Slip, patch: &ElementStates) -> su
     let row = |i: usize| tool.iter().flatten().map(|rate| rate.force[i].magnitude()).sum::<f64>();
     let stick = (0..3).map(row).fold(0.0, f64::max);
     let state: &State<Interval> = &slip.state;
-    let way: IntervalVector = state.drive;
+    let [least, most] = over.place.motion_bounds();
+    // M⁻¹ turns nothing by more (Kantorovich), P what is at right angles to û by a little more.
+    let spread = (most / least).sqrt();
+    let own = patch.slip == SlipRule::Exact;
+    let turn = (0.5 * (spread - 1.0 / spread) / if own { 1.0 } else { state.u[2].lo }).atan();
+    let flat = |v: IntervalVector| direction([v[0], v[1]]);
     slope(
         &[of(0), of(1)],
         tool.as_ref(),
         state.u,
-        patch.slip == SlipRule::Exact,
-        std::iter::once(direction([way[0], way[1]])),
+        own,
+        (std::iter::once([flat(state.counted), flat(state.way)]), turn),
         state.limit.lo <= 0.0,
         stick,
     )

@@ -22,44 +22,54 @@ pub(super) struct Rate {
 }
 
 /// What slip does to the drive and the force, from their rates while c moves along x and y of the element
-/// and, if asked for, the tool along x, y and z: along t, P v's direction, v = d/|d| the drive's. `own`
+/// and, if asked for, the tool along x, y and z: along t, v = d/|d| the drive's direction. `own`
 /// drives lie in the element, others at right angles to û;
-/// `ways` are what t can be.
+/// `ways` are what P v's direction and t can be, and the most that they are apart (below π/2; 0: not at all).
 pub(super) fn slope(
     along: &[Rate; 2],
     tool: Option<&[Rate; 3]>,
     u: IntervalVector,
     own: bool,
-    ways: impl Iterator<Item = [Interval; 2]> + Clone,
+    (ways, turn): (impl Iterator<Item = [[Interval; 2]; 2]> + Clone, f64),
     frictionless: bool,
     stick: f64,
 ) -> Slope {
-    // v = |P v| Σ t_i a_i with a_i = E_i − N û_i/û_z.
+    // v = |P v| Σ t_i a_i with a_i = E_i − N û_i/û_z, where P v lies along t.
     let lean = [0, 1].map(|i| if own { Interval::ZERO } else { u[i].per(u[2]) });
     let fall = [0, 1].map(|i| [0, 1].map(|j: usize| lean[i] * along[j].drive[2] - along[j].drive[i]));
     // Both entries of the diagonal at their least: a quadratic form grows with them.
     let (mean, spread) = (0.5 * (fall[0][0].lo + fall[1][1].lo), 0.5 * (fall[0][0].lo - fall[1][1].lo));
     let skew = (fall[0][1] + fall[1][0]) * 0.5;
-    // Whatever the direction: its least eigenvalue.
+    // Whatever the direction: its least eigenvalue, and what is lost where v and t are apart.
     let eigenvalue = mean - spread.hypot(skew.magnitude());
-    let eta = |t: [Interval; 2]| {
-        let out = lean[0] * t[0] + lean[1] * t[1];
+    let (sin, cos) = turn.sin_cos();
+    let across = ((fall[0][0] - fall[1][1]) * 0.5).magnitude().hypot(skew.magnitude())
+        + ((fall[0][1] - fall[1][0]) * 0.5).magnitude();
+    let least = eigenvalue.min(eigenvalue * cos) - across * sin;
+    let eta = |[v, t]: [[Interval; 2]; 2]| {
+        let out = lean[0] * v[0] + lean[1] * v[1];
         let size = Interval::ONE.per((Interval::ONE + out.square()).sqrt());
-        // With t = (cos φ, sin φ): mean + spread cos 2φ + skew sin 2φ.
-        let cos2 = (t[0].square() - t[1].square()).clip(-1.0, 1.0);
-        let sin2 = (t[0] * t[1] * 2.0).clip(-1.0, 1.0);
-        let falls = mean + (cos2 * spread + skew * sin2).lo;
-        let falls = falls.max(eigenvalue);
+        let falls = if turn == 0.0 {
+            // With t = (cos φ, sin φ): mean + spread cos 2φ + skew sin 2φ.
+            let cos2 = (t[0].square() - t[1].square()).clip(-1.0, 1.0);
+            let sin2 = (t[0] * t[1] * 2.0).clip(-1.0, 1.0);
+            mean + (cos2 * spread + skew * sin2).lo
+        } else {
+            let [x, y] = fall.map(|row| row[0] * t[0] + row[1] * t[1]);
+            (v[0] * x + v[1] * y).lo
+        };
+        let falls = falls.max(least);
         let limit = (along[0].limit * t[0] + along[1].limit * t[1]).lo;
         let limit = limit.max(-along[0].limit.magnitude().hypot(along[1].limit.magnitude()));
         limit + falls * if falls < 0.0 { size.hi } else { size.lo }
     };
     let eta = ways.clone().map(eta).fold(f64::INFINITY, f64::min);
-    let t = ways.reduce(|a, b| [a[0].join(b[0]), a[1].join(b[1])]).unwrap_or([Interval::ZERO; 2]);
-    let out = lean[0] * t[0] + lean[1] * t[1];
+    let joined = ways.reduce(|a, b| [0, 1].map(|i| [0, 1].map(|j| a[i][j].join(b[i][j]))));
+    let [v, t] = joined.unwrap_or([[Interval::ZERO; 2]; 2]);
+    let out = lean[0] * v[0] + lean[1] * v[1];
     let size = Interval::ONE.per((Interval::ONE + out.square()).sqrt());
     let force = sum([scaled(along[0].force, t[0]), scaled(along[1].force, t[1])]);
-    let v = [size * t[0], size * t[1], -(size * out)];
+    let v = [size * v[0], size * v[1], -(size * out)];
     let excess = |rate: &Rate| {
         if frictionless {
             length(rate.drive).hi + rate.limit.magnitude()
@@ -352,7 +362,7 @@ impl<'a> Rates<'a> {
             tool.as_ref(),
             self.frame.u,
             self.patch.slip == SlipRule::Exact,
-            pieces.iter().flatten().map(|p| p.way),
+            (pieces.iter().flatten().map(|p| [p.way; 2]), 0.0),
             self.law.at.friction.lo <= 0.0,
             self.law.stiffness(self.patch.stretch()[1]),
         )

@@ -139,13 +139,16 @@ fn drives<L: ForceLaw, R: Rule>(bodies: &[Body], slip: SlipRule) {
             continue;
         }
         compared += 1;
-        let way = if slip == SlipRule::Paper { 1.0 } else { kernel.tool_way(n, &f, drive.along) };
-        let lateral_force = if L::COUPLED { way * drive.force } else { patch.law.lateral_at(n, reach) };
+        let by_contact_point = match R::motion(&kernel, n, &f) {
+            Some(motion) => motion.moved(drive.along * drive.force).length(),
+            None => drive.force,
+        };
+        let lateral_force = if L::COUPLED { by_contact_point } else { patch.law.lateral_at(n, reach) };
         let forces = f.normal.max(0.0) + lateral_force;
         let inward = -body.outward(element);
         let project = |v: DVec3| v - inward * v.dot(inward);
         let v = drive.along;
-        let t = project(v).normalize();
+        let t = project(drive.way).normalize();
         // g·t.
         let g = crate::drive::exact(&mut kernel, n, &f);
         let led = project(kernel.implicit_drive_direction(n, &f, &drive)).normalize();

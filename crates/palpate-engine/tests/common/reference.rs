@@ -1,7 +1,7 @@
 //! The model written down slowly and obviously: brute-force search, one curve at a time, slip in tiny steps.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use palpate_body::{Body, CoupledLaw, Response, SlipRule, tensor};
 
 /// What the force law reads at one contact point.
@@ -186,9 +186,8 @@ impl<'a> Reference<'a> {
     pub fn drive(&self, reading: &Reading, element: usize, c: DVec3, tip: DVec3) -> DVec3 {
         match self.rule {
             SlipRule::Exact => {
-                let nodes = self.body.elements()[element].nodes.map(|n| n as usize);
                 let slope = -self.slope(element, |c| self.read(element, c, tip).energy, c);
-                self.by_tool(reading, self.area_coordinates(element, c), nodes, slope)
+                self.motion(reading, element, c).inverse() * slope
             }
             SlipRule::Consistent => {
                 let p_u = |v: DVec3| v - reading.u * v.dot(reading.u);
@@ -203,23 +202,36 @@ impl<'a> Reference<'a> {
                     sum += n[l] * (gradient - u * (0.5 * reading.u.dot(gradient)));
                     sum += n[l] * self.nodal(nodes[l], |_, u| self.turned(u, element, n, tip - c));
                 }
-                self.by_tool(reading, n, nodes, reading.u_r * reading.fr - p_u(sum))
+                self.motion(reading, element, c).inverse() * (reading.u_r * reading.fr - p_u(sum))
             }
             _ => reading.u_r * reading.fr,
         }
     }
 
-    /// For each way of the tool: 1 + (R − δz) κ times the contact point's, between ½ and 2, with κ along the drive.
-    fn by_tool(&self, reading: &Reading, n: [f64; 3], nodes: [usize; 3], drive: DVec3) -> DVec3 {
-        let Some(law) = &self.coupled else { return drive };
-        let v = drive.normalize_or_zero();
-        let curvature = |t: usize| {
-            let [k1, k2, k3] = law.potentials[t].curvature;
-            let [x, y] = law.potentials[t].tangents.map(|t| t.dot(v));
-            k1 * x.powi(2) + 2.0 * k2 * x * y + k3 * y.powi(2)
+    /// How the tool moves with the contact point, M = 1 + (R − δz) κ in the plane of the drive, by the columns; R − δz counts between
+    /// −R/2 and R.
+    fn motion(&self, reading: &Reading, element: usize, c: DVec3) -> DMat3 {
+        let Some(law) = self.coupled.as_ref().filter(|_| self.rule != SlipRule::Paper) else {
+            return DMat3::IDENTITY;
         };
-        let curvature: f64 = (0..3).map(|l| n[l] * self.mixed_of(nodes[l], curvature)).sum();
-        drive / (1.0 + (self.body.tool().radius_m() - reading.depth) * curvature).clamp(0.5, 2.0)
+        let (n, [p, q, r]) = (self.area_coordinates(element, c), self.corners(element));
+        let exact = self.rule == SlipRule::Exact;
+        let normal = if exact { (q - p).cross(r - p).normalize() } else { reading.u };
+        let nodes = self.body.elements()[element].nodes.map(|n| n as usize);
+        let radius = self.body.tool().radius_m();
+        let in_plane = |v: DVec3| v - normal * v.dot(normal);
+        let column = |axis: DVec3| {
+            let v = in_plane(axis);
+            let turned = |t: usize, i: usize| {
+                let ([k1, k2, k3], tangents) = (law.potentials[t].curvature, law.potentials[t].tangents);
+                let [x, y] = tangents.map(|t| t.dot(v));
+                (tangents[0] * (k1 * x + k2 * y) + tangents[1] * (k2 * x + k3 * y))[i]
+            };
+            let each = |i| (0..3).map(|l| n[l] * self.mixed_of(nodes[l], |t| turned(t, i))).sum();
+            let turned: DVec3 = DVec3::new(each(0), each(1), each(2));
+            axis + in_plane(turned) * (radius - reading.depth).clamp(-0.5 * radius, radius)
+        };
+        DMat3::from_cols(column(DVec3::X), column(DVec3::Y), column(DVec3::Z))
     }
 
     /// W of the element's law with the curves of node `l` alone and, so that tensors count, ½ of its tensor's share.
@@ -365,7 +377,8 @@ impl<'a> Reference<'a> {
                 break;
             }
             let stiffness = reading.stiffness.max(1.0);
-            let way = drive.normalize_or_zero() * (excess / stiffness / 24.0);
+            let motion = self.motion(&reading, element, c);
+            let way = (motion.inverse() * drive).normalize_or_zero() * (excess / stiffness / 24.0);
             // Of the elements that hold c, the one in which the projected drive goes inwards.
             let holds = |e: usize| {
                 let [a, b, d] = self.corners(e);
@@ -387,7 +400,7 @@ impl<'a> Reference<'a> {
                     edge * way.dot(edge)
                 });
                 let velocity = velocity.max_by(|a, b| a.length().total_cmp(&b.length()))?;
-                let drives = drive.length() * velocity.length() / way.length() > reading.limit;
+                let drives = drive.dot((motion * velocity).normalize_or_zero()) > reading.limit;
                 drives.then_some((e, velocity))
             };
             let found = around().find_map(holds).or_else(|| around().find_map(along_edge));
