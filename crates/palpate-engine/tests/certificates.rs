@@ -6,10 +6,10 @@ mod common;
 #[path = "common/coupled.rs"]
 mod bodies;
 
-use bodies::{RANGE_M, as_coupled, coupled, sparse};
+use bodies::{RANGE_M, as_coupled, coupled};
 use common::*;
 use glam::DVec3;
-use palpate_body::{Body, SlipRule, TriangleMesh};
+use palpate_body::{Body, SlipRule, Tool, TriangleMesh};
 use palpate_engine::certify::{
     Assumptions, Bounds, Criterion, Effort, ElementStates, ROUNDING, SHALLOWEST, least,
 };
@@ -65,7 +65,7 @@ impl Proved {
 }
 
 /// How often something was seen.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Clone, Copy)]
 struct Seen {
     steps: usize,
     slips_proved_passive: usize,
@@ -90,7 +90,8 @@ fn judge_from(
 ) {
     let nodes = body.element_nodes(element);
     let centre = (nodes[0].position + nodes[1].position + nodes[2].position) / 3.0;
-    let (mut x, mut v) = (centre - nodes[0].inward * 1e-3, nodes[0].inward);
+    let radius = body.tool().radius_m();
+    let (mut x, mut v) = (centre - nodes[0].inward * (1e-3 + radius), nodes[0].inward);
     let speed = STEP * random.range(0.02, 0.99);
     let mut contact = Contact::new(body);
     let mut last: Option<(DVec3, Output)> = None;
@@ -106,7 +107,7 @@ fn judge_from(
         let home = (body.point(nearest.at) - x).normalize_or_zero();
         let pull = match o.contact {
             Some(c) if c.delta_z_m > 3.5e-3 => home,
-            None if nearest.distance > 5e-4 => home,
+            None if nearest.distance > 5e-4 + radius => home,
             _ => DVec3::ZERO,
         };
         v = (v + random.direction() * 0.3 + pull * 0.6).normalize();
@@ -224,16 +225,26 @@ fn no_step_of_a_million_breaks_what_is_proved() {
     }
 }
 
+/// The same everywhere on a ball, under a spherical tool whose way friction counts.
+fn curved(mesh: &TriangleMesh, ball_m: f64, radius_m: f64) -> Body {
+    let mut parts = as_coupled(mesh, [600.0, 500.0, 0.3], SlipRule::Consistent).parts();
+    parts.tool = Tool::Sphere { radius_m };
+    let potentials = parts.coupled.iter_mut().flat_map(|law| &mut law.potentials);
+    potentials.for_each(|p| p.curvature = [1.0 / ball_m, 0.0, 1.0 / ball_m]);
+    Body::new(parts).unwrap()
+}
+
 /// On two elements of a ball. Without friction P does not hold, and slips do generate energy.
 #[test]
 fn no_step_on_a_coupled_body_breaks_what_is_proved() {
-    let (mut seen, mut frictionless) = (Seen::default(), Seen::default());
+    let (mut all, mut frictionless) = ([Seen::default(); 3], Seen::default());
     let ball = ellipsoid(DVec3::splat(0.03), 3);
-    for case in 0..3 {
-        let mut random = Random::new(40 + case);
-        let graded = coupled(&ball, &mut random, 0.05, 0.3, 0.0);
+    for (case, seen) in all.iter_mut().enumerate() {
+        let mut random = Random::new(40 + case as u64);
+        let (graded, evaluations) =
+            (coupled(&ball, &mut random, 0.05, 0.3, 0.0), if case == 0 { 9000 } else { 2400 });
         let (body, none, rule) = match case {
-            0 => (sparse(&graded, 20), 0.05, SlipRule::Consistent),
+            0 => (curved(&ball, 0.03, 4e-3), 0.05, SlipRule::Consistent),
             1 => (graded, 0.05, SlipRule::Paper),
             _ => (as_coupled(&ball, [600.0, 500.0, 0.3], SlipRule::Paper), 0.0, SlipRule::Paper),
         };
@@ -241,18 +252,19 @@ fn no_step_on_a_coupled_body_breaks_what_is_proved() {
         let none = ruled(&coupled(&ball, &mut random, none, 0.0, 0.0), rule);
         let element = random.below(body.elements().len()) as u32;
         let beside = body.across(element, 0).unwrap().0;
-        let proved = Proved::around(&body, 2400, |e| e == element || e == beside);
+        let proved = Proved::around(&body, evaluations, |e| e == element || e == beside);
         if case == 2 {
             let tight = |l: &f64| *l < 5e3;
             assert_eq!(proved.snap_free.iter().flatten().filter(|l| tight(l)).count(), 2);
         }
         let nothing = Proved::around(&none, 0, |_| false);
         for _ in 0..300 {
-            judge_from(&body, element, &proved, &mut random, 60, &mut seen);
+            judge_from(&body, element, &proved, &mut random, 60, seen);
             judge_from(&none, element, &nothing, &mut random, 20, &mut frictionless);
         }
     }
-    assert!(seen.slips_proved_passive > 1_000 && seen.steps_proved_smooth > 2_000, "{seen:?}");
+    assert!(all.iter().all(|seen| seen.steps_proved_smooth > 600), "{all:?}");
+    assert!([&all[0], &all[2]].iter().all(|seen| seen.slips_proved_passive > 300), "{all:?}");
     assert!(frictionless.generated_elsewhere > 20, "{frictionless:?}");
 }
 

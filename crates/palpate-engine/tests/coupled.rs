@@ -305,8 +305,8 @@ fn friction_counts_the_tools_way() {
                     x = at(0.01, -0.02, DEPTH * f64::from(i) / 50.0);
                     step(&mut contact, &body, x);
                 }
-                // Of the hand's way once all slips, and of μ f_z along it.
-                let (mut work, mut held) = (0.0, 0.0);
+                // Of the hand's way once all slips, and of μ f_z along it; and the lateral force's.
+                let (mut work, mut held, mut lateral) = (0.0, 0.0, 0.0);
                 for i in 0..2000 {
                     let s = 2e-5 * f64::from(i);
                     let next = at(0.01 + s * round / (above - DEPTH), -0.02 + s * along, DEPTH);
@@ -314,15 +314,19 @@ fn friction_counts_the_tools_way() {
                     if i > 1000 {
                         let c = output.contact.unwrap();
                         work -= force(&output).dot(next - x);
+                        let (f, u) = (force(&output), DVec3::new(next.x, next.y, 0.0).normalize());
                         held += MU * 100.0 * 500.0 * c.delta_z_m.powi(2) * (next - x).length();
+                        lateral += (f - u * u.dot(f)).length() * (next - x).length();
                     }
                     x = next;
                 }
-                work / held
+                [work / held, lateral / held]
             });
             let stretched = round / (1.0 + (BALL - DEPTH) / ROUND);
-            assert!((found[0] - stretched.hypot(along)).abs() < 0.02, "{kind}, {rule:?}: {found:?}");
-            assert!((found[1] - 1.0).abs() < 0.01, "{kind}, {rule:?}: {found:?}");
+            assert!((found[0][0] - stretched.hypot(along)).abs() < 0.02, "{kind}, {rule:?}: {found:?}");
+            // Straight against the hand: the force is no larger than what works.
+            assert!(found[1].iter().all(|f| (f - 1.0).abs() < 0.005), "{kind}, {rule:?}: {found:?}");
+            assert!(found[1][1] - found[1][0] < 2e-3, "{kind}, {rule:?}: {found:?}");
         }
     }
 }

@@ -5,7 +5,7 @@
 //! the smallest rotation and scaled by the lateral stiffness at each depth.
 
 use crate::between::{Prior, Simulated, Spread, round};
-use crate::curvature::{Curvatures, capacity, scaled};
+use crate::curvature::{Curvatures, capacity, counting, scaled};
 use crate::error::FitError;
 use crate::fit::{FitReport, PointReport, SAME_DEFLECTION};
 use crate::paths::{PointRecord, check, friction};
@@ -232,8 +232,16 @@ pub fn fit_coupled(
         let deepest = potentials.iter().filter_map(|p| p.press.knots().last().copied()).fold(0.0, f64::max);
         let scale = radius.max(deepest);
         let curvatures = Curvatures::new(surface, scale);
+        let mut alone = 0;
         for (potential, &node) in potentials.iter_mut().zip(&test_point_nodes) {
-            potential.curvature = curvatures.at(node, potential.tangents);
+            let found = curvatures.at(node, potential.tangents);
+            alone += usize::from(found.is_none());
+            potential.curvature = counting(found.unwrap_or_default(), radius);
+        }
+        if alone > 0 {
+            notes.push(format!(
+                "the surface's elements are longer than the tool is wide at {alone} test points: friction does not count there how curved it is; refine it"
+            ));
         }
     }
     let points = locals.iter().map(|local| PointReport {

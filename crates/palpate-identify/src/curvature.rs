@@ -1,18 +1,21 @@
 //! How curved a surface is on the scale of a tool, and what that makes of friction.
 //!
 //! While a tool slides at the depth δ over a surface of curvature κ, its reference point moves farther than the contact point,
-//! by x = c + (δ − r) û and dû = −κ dc: |dx| = (1 + (r − δ) κ) |dc|. Friction works along the tool's way, and the engine counts it so
-//! where a potential says how its place is curved, in each direction for itself ([`palpate_body::law::tool_way`]).
+//! by x = c + (δ − r) û and dû = −κ dc: dx = (1 + (r − δ) κ) dc. Friction works along the tool's way, and the engine counts it so
+//! where a potential says how its place is curved ([`palpate_body::law::tool_motion`]).
 
 use crate::error::FitError;
 use crate::paths::PointRecord;
 use glam::{DMat3, DVec3};
+use palpate_body::law::{curvature_bounds, eigenvalues};
 use palpate_body::{Curve, Surface};
 use std::collections::HashMap;
 use std::f64::consts::PI;
 
 /// Where hardly anything presses along û any more the pressures say nothing.
 const WRAPPED: f64 = 1.5;
+/// Nodes that spread less across than this part of along, both squared, say nothing of the curvature across.
+const ON_A_LINE: f64 = 0.01;
 
 /// What a contact that wraps around the tool, a ball of `tool_radius_m` (0: another tool), holds, in parts of μ f_z, over depth (m).
 ///
@@ -20,8 +23,9 @@ const WRAPPED: f64 = 1.5;
 /// between both, Σ p = f_z/⟨cos θ⟩. And the material that slips there goes along arcs, 1/cos θ for each way of the tool where
 /// that leads up or down, 1 where it leads past: on the mean over the directions another ⟨cos θ⟩^−½.
 ///
-/// A contact that sticks carries a part of f_z by its grip, and Σ p is less than sliding. Not less than it can be: even pressures
-/// over a patch of area A under a ball have ⟨cos θ⟩ = 1 − A/(4 π R²), to the first order.
+/// A contact that sticks carries a part of f_z by its grip, and Σ p is less than sliding. What it is sliding is taken to be that of even
+/// pressures at least: over a patch of area A under a ball they have ⟨cos θ⟩ = 1 − A/(4 π R²), to the first order. (Hertz's pressures, which
+/// are highest in the middle, have a fifth less beside 1, and A is the patch's area at rest.)
 pub(crate) fn capacity(record: &PointRecord, tool_radius_m: f64) -> Vec<(f64, f64)> {
     let u = record.inward.normalize();
     let ball = 4.0 * PI * tool_radius_m * tool_radius_m;
@@ -62,8 +66,9 @@ impl<'a> Curvatures<'a> {
 
     /// At a node, in these tangents, [κ₁₁, κ₁₂, κ₂₂], 1/m, positive where the body is convex: how normals turn on the way to the nodes
     /// around, the least squares of û_j − û = −κ (p_j − p) in the tangent plane. Of nodes beyond an edge or on the body's other side, whose
-    /// normals point elsewhere, it takes none. Where the nodes lie on a line, or there are none, 0.
-    pub fn at(&self, node: u32, [t1, t2]: [DVec3; 2]) -> [f64; 3] {
+    /// normals point elsewhere, it takes none. Where the nodes lie nearly on a line, the same in all directions; `None` where there are
+    /// none.
+    pub fn at(&self, node: u32, [t1, t2]: [DVec3; 2]) -> Option<[f64; 3]> {
         let (positions, normals) = (self.surface.positions(), self.surface.inward_normals());
         let (p, u) = (positions[node as usize], normals[node as usize]);
         let [x, y, z] = cube(p, self.radius);
@@ -87,9 +92,25 @@ impl<'a> Curvatures<'a> {
                 }
             }
         }
-        let flat = squares.determinant().abs() <= 1e-6 * (squares.y_axis.y / 2.0).powi(3);
-        if flat { [0.0; 3] } else { (squares.inverse() * turned).to_array() }
+        let [narrow, wide] = eigenvalues([squares.x_axis.x, squares.x_axis.y, squares.z_axis.z]);
+        if wide <= 0.0 {
+            return None;
+        }
+        if narrow < ON_A_LINE * wide {
+            let along = (turned.x + turned.z) / (narrow + wide);
+            return Some([along, 0.0, along]);
+        }
+        Some((squares.inverse() * turned).to_array())
     }
+}
+
+/// The tensor with eigenvalues that count under a ball of this radius (m; 0: a tool that is none).
+pub(crate) fn counting([a, b, c]: [f64; 3], radius: f64) -> [f64; 3] {
+    let ([low, high], [least, most]) = (eigenvalues([a, b, c]), curvature_bounds(radius));
+    let (to_low, to_high) = (low.clamp(least, most), high.clamp(least, most));
+    let (mean, middle) = (0.5 * (low + high), 0.5 * (to_low + to_high));
+    let part = if high > low { (to_high - to_low) / (high - low) } else { 0.0 };
+    [middle + (a - mean) * part, b * part, middle + (c - mean) * part]
 }
 
 fn cube(p: DVec3, width: f64) -> [i64; 3] {
@@ -108,7 +129,32 @@ mod tests {
         let distance = |n: &u32| surface.positions()[*n as usize].distance(at);
         let nearest =
             (0..surface.positions().len() as u32).min_by(|a, b| distance(a).total_cmp(&distance(b)));
-        Curvatures::new(&surface, 8e-3).at(nearest.unwrap(), tangents)
+        Curvatures::new(&surface, 8e-3).at(nearest.unwrap(), tangents).unwrap()
+    }
+
+    #[test]
+    fn a_line_of_nodes_says_nothing_across_it() {
+        let mut mesh = Shape::Sphere { radius_mm: 40.0 }
+            .mesh(Resolution { edge_length_mm: Some(4.0), ..Resolution::default() })
+            .unwrap();
+        // 20 times as long as wide: beside a node lie those along x alone.
+        mesh.positions.iter_mut().for_each(|p| *p = DVec3::new(p.x * 0.2, p.y * 4.0, p.z * 0.2));
+        let surface = Surface::build(&mesh, 0.7).unwrap();
+        let curvatures = Curvatures::new(&surface, 1.5e-3);
+        let found: Vec<_> = (0..surface.positions().len() as u32)
+            .filter_map(|n| curvatures.at(n, [DVec3::X, DVec3::Y]))
+            .collect();
+        assert!(found.len() > 100 && found.iter().flatten().all(|k| k.abs() < 700.0), "{found:?}");
+        assert!(found.iter().any(|k| k[0] == k[2] && k[0] != 0.0));
+        assert_eq!(Curvatures::new(&surface, 1e-5).at(0, [DVec3::X, DVec3::Y]), None);
+    }
+
+    #[test]
+    fn what_is_curved_more_than_the_tool_counts_as_that() {
+        let [low, high] = eigenvalues(counting([300.0, 50.0, -400.0], 5e-3));
+        assert!((low + 100.0).abs() < 1e-9 && (high - 200.0).abs() < 1e-9, "{low} {high}");
+        assert_eq!(counting([30.0, 5.0, -40.0], 5e-3), [30.0, 5.0, -40.0]);
+        assert_eq!(counting([300.0, 0.0, 300.0], 5e-3), [200.0, 0.0, 200.0]);
     }
 
     #[test]

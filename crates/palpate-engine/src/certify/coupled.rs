@@ -574,30 +574,28 @@ pub(super) fn bound(
 
 /// The least g·t/(|d| + f_z⁺), t along P M⁻² d or up to `aside` off it. With f = |d| + f_z⁺ and the share s =
 /// |d|/f that is s t·d/|d| + (1 − s) û·t, whatever the forces' size, and what else g misses.
-fn passive(patch: &ElementStates, slip: &Slip, [least_motion, most_motion]: [f64; 2]) -> f64 {
+fn passive(patch: &ElementStates, slip: &Slip, motion: [f64; 2]) -> f64 {
     let Slip { state, least, below, .. } = slip;
     let t = direction([state.way[0], state.way[1]]);
     let (sin, cos) = patch.aside.sin_cos();
     let normal = state.pushing;
     // In slip |M⁻¹ d|/f_z is at least μ, nearly, and |d| no less than that by M's least eigenvalue.
     let size = length(state.drive);
-    let size = Interval::new(size.lo.max(*least * least_motion), size.hi);
+    let size = Interval::new(size.lo.max(*least * motion[0]), size.hi);
     let ratio = |d: f64, normal: f64| if d > 0.0 { d / (d + normal) } else { 0.0 };
     let held = (state.friction.lo.max(0.0) * below - slip.noise / normal.lo.max(1e-300)).max(0.0);
-    let held = held * least_motion;
+    let held = held * motion[0];
     let low = ratio(size.lo, normal.hi).max(held / (1.0 + held));
     let high = ratio(size.hi, normal.lo).max(low);
     let dip = t[0] * state.u[0] + t[1] * state.u[1];
     let lean = length(flat(state.u)).hi;
     let dip = (dip.lo.min(dip.lo * cos) - lean * sin).max(-lean);
-    // t·d/|d|; without curvature that is |P d|/|d|.
-    let along = if least_motion == most_motion {
-        (length(flat(state.drive)).lo / size.hi).max(state.u[2].lo) * cos
-    } else {
-        let [x, y, _] = state.drive;
-        let along = (x * t[0] + y * t[1]).lo * cos - (x * t[1] - y * t[0]).magnitude() * sin;
-        along / if along < 0.0 { size.lo } else { size.hi }
-    };
+    // |P d|/|d|, and what t is off P d's direction: by M⁻² and by `aside`.
+    let long = (length(flat(state.drive)).lo / size.hi).max(state.u[2].lo);
+    let (v, turn) = (direction([state.drive[0], state.drive[1]]), turn(motion, 2.0, state.u));
+    let together = (v[0] * t[0] + v[1] * t[1]).lo.max(turn.cos());
+    let beside = (v[0] * t[1] - v[1] * t[0]).magnitude().min(turn.sin());
+    let along = long * if turn == 0.0 { cos } else { together * cos - beside * sin };
     let at = |share: f64| share * along + (1.0 - share) * dip;
     let missing = length([state.miss[0], state.miss[1], Interval::ZERO]).hi;
     let helps = (t[0] * state.miss[0] + t[1] * state.miss[1]).lo;
@@ -605,6 +603,13 @@ fn passive(patch: &ElementStates, slip: &Slip, [least_motion, most_motion]: [f64
     let forces = size + normal;
     let rest = if helps == 0.0 { 0.0 } else { helps / if helps < 0.0 { forces.lo } else { forces.hi } };
     at(low).min(at(high)) + rest
+}
+
+/// How far a vector at right angles to û and what M⁻ᵏ makes of it are apart at most, seen in the element: M's eigenvalues lie between
+/// these (Kantorovich's inequality), and P makes a tangent at most 1/û_z of what it was.
+fn turn([least, most]: [f64; 2], k: f64, u: IntervalVector) -> f64 {
+    let spread = (most / least).powf(0.5 * k);
+    (0.5 * (spread - 1.0 / spread) / u[2].lo).atan()
 }
 
 /// What slip does to drive and force, and with `M` = 5 what the tool's motion does.
@@ -623,11 +628,12 @@ fn slopes<const M: usize>(over: &Over, slip: &Slip, patch: &ElementStates) -> su
     let row = |i: usize| tool.iter().flatten().map(|rate| rate.force[i].magnitude()).sum::<f64>();
     let stick = (0..3).map(row).fold(0.0, f64::max);
     let state: &State<Interval> = &slip.state;
-    let [least, most] = over.place.motion_bounds();
-    // M⁻¹ turns nothing by more (Kantorovich), P what is at right angles to û by a little more.
-    let spread = (most / least).sqrt();
     let own = patch.slip == SlipRule::Exact;
-    let turn = (0.5 * (spread - 1.0 / spread) / if own { 1.0 } else { state.u[2].lo }).atan();
+    let turn = turn(
+        over.place.motion_bounds(),
+        1.0,
+        if own { [Interval::ZERO, Interval::ZERO, Interval::ONE] } else { state.u },
+    );
     let flat = |v: IntervalVector| direction([v[0], v[1]]);
     slope(
         &[of(0), of(1)],
