@@ -137,7 +137,8 @@ pub enum Source {
     EightPoints,
     /// Friction multiplied by what the simulated pressures of the path hold, in parts of μ f_z.
     PressureFriction,
-    /// The simulation's coefficient of friction for that of slip, which counts the surface's curvature.
+    /// The simulation's coefficient of friction for that of slip, which counts how far the contact wraps around the tool, and the contact
+    /// point's way for the tool's.
     FlatFriction,
     /// A coupled law without the lateral force b of a straight press.
     WithoutOffset,

@@ -1,6 +1,7 @@
 //! What is in a body: sizes, ranges of its curves, and the stiffness that a device must be able to hold.
 
 use crate::plot::{Line, LineChart};
+use palpate_body::law::eigenvalues;
 use palpate_body::stiffness::{StiffnessAt, principals, stiffness_max};
 use palpate_body::{
     Body, CountErrors, CoupledLaw, Curve, DisplacementFields, NO_TWIN, PointErrors, Potential,
@@ -198,6 +199,8 @@ pub struct CoupledRanges {
     pub cubic_n_per_m2: [f64; 2],
     /// Q, N/m³.
     pub quartic_n_per_m3: [f64; 2],
+    /// Eigenvalues of κ, 1/m: how curved the surface is, as friction counts it.
+    pub curvature_per_m: [f64; 2],
 }
 
 fn coupled_ranges(law: &CoupledLaw) -> CoupledRanges {
@@ -213,6 +216,7 @@ fn coupled_ranges(law: &CoupledLaw) -> CoupledRanges {
         offset_n: range(&|p, d| [length(&p.offset, d); 2]),
         cubic_n_per_m2: range(&|p, d| [length(&p.cubic, d); 2]),
         quartic_n_per_m3: range(&|p, d| [p.quartic.value(d); 2]),
+        curvature_per_m: range(&|p, _| eigenvalues(p.curvature)),
     }
 }
 

@@ -108,6 +108,7 @@ fn text(i: &Inspection) -> String {
             ("|b|", between(c.offset_n, " N")),
             ("|C|", between(c.cubic_n_per_m2, " N/m²")),
             ("Q", between(c.quartic_n_per_m3, " N/m³")),
+            ("curvature", between(c.curvature_per_m, " /m")),
         ]
     });
     let rows: Vec<_> = rows.into_iter().chain(coupled).collect();
