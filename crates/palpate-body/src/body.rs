@@ -413,7 +413,8 @@ impl Body {
         let potentials_chosen = which.iter().filter_map(|&t| law.get(t as usize)).flat_map(Potential::curves);
         let curves = chosen.chain(potentials_chosen);
         let sizes = [elements.len(), points];
-        let identity = identity(&surface.positions, &surface.inward, sizes, &tool, curves);
+        let curvatures = which.iter().filter_map(|&t| law.get(t as usize)).map(|p| p.curvature);
+        let identity = identity(&surface.positions, &surface.inward, sizes, &tool, curves, curvatures);
         let model = ContactModel {
             nodes,
             elements: surface.elements,

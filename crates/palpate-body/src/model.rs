@@ -334,7 +334,7 @@ impl ContactModel {
     }
 }
 
-/// [`ContactModel::identity`]: FNV-1a of sizes, tool, and samples; `curves` are those of the test points that are
+/// [`ContactModel::identity`]: FNV-1a of sizes, tool, and samples; `curves` and `curvatures` are those of the test points that are
 /// [`sampled`].
 pub(crate) fn identity<'a>(
     positions: &[DVec3],
@@ -342,6 +342,7 @@ pub(crate) fn identity<'a>(
     sizes: [usize; 2],
     tool: &Tool,
     curves: impl Iterator<Item = &'a Curve>,
+    curvatures: impl Iterator<Item = [f64; 3]>,
 ) -> u64 {
     let mut hash = 0xcbf2_9ce4_8422_2325u64;
     let mut eat = |word: u64| {
@@ -356,6 +357,8 @@ pub(crate) fn identity<'a>(
         [p.x, p.y, p.z, u.x, u.y, u.z].iter().for_each(|x| eat(x.to_bits()));
     }
     curves.for_each(|curve| eat(curve.value(1e-3).to_bits()));
+    // A body that counts none is what it was before there were any.
+    curvatures.flatten().filter(|k| *k != 0.0).for_each(|k| eat(k.to_bits()));
     hash
 }
 

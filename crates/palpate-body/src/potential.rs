@@ -370,6 +370,7 @@ pub struct Potentials {
     curvatures: Vec<Symmetric<f64>>,
     columns: usize,
     range_m: f64,
+    curved: bool,
 }
 
 /// One test point's potential in one interval of δz.
@@ -412,6 +413,7 @@ impl Potentials {
             }));
             table.tangents.push(potential.tangents);
             table.curvatures.push(in_space(potential.curvature, potential.tangents));
+            table.curved |= potential.curvature != [0.0; 3];
         }
         Ok((knots, table))
     }
@@ -431,6 +433,12 @@ impl Potentials {
     #[inline]
     pub fn range_m(&self) -> f64 {
         self.range_m
+    }
+
+    /// Whether a test point says that the surface is curved; then a copy of some of them does, too.
+    #[inline]
+    pub fn is_curved(&self) -> bool {
+        self.curved
     }
 
     /// A test point's potential in an interval of the depth knots.
@@ -454,7 +462,8 @@ impl Potentials {
 
     /// The range alone.
     pub(crate) fn without_points(&self) -> Self {
-        Potentials { columns: self.columns, range_m: self.range_m, ..Potentials::default() }
+        let Potentials { columns, range_m, curved, .. } = *self;
+        Potentials { columns, range_m, curved, ..Potentials::default() }
     }
 
     /// Becomes a copy of these test points of `from`.
@@ -462,6 +471,7 @@ impl Potentials {
         self.rows.clear();
         self.tangents.clear();
         self.curvatures.clear();
+        self.curved = from.curved;
         if from.is_empty() {
             return;
         }

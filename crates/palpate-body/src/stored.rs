@@ -172,7 +172,9 @@ impl StoredBody {
         let (responses, law) = (body.reading().responses(&which)?, body.reading().potentials(&which)?);
         let potentials = law.iter().flat_map(|law| &law.potentials).flat_map(Potential::curves);
         let curves = responses.iter().flat_map(Response::curves).chain(potentials);
-        body.model_header.identity = identity(positions, inward, [elements.count(), at.len()], &tool, curves);
+        let curvatures = law.iter().flat_map(|law| &law.potentials).map(|p| p.curvature);
+        let sizes = [elements.count(), at.len()];
+        body.model_header.identity = identity(positions, inward, sizes, &tool, curves, curvatures);
         Ok(body)
     }
 

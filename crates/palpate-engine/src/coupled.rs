@@ -314,13 +314,13 @@ impl ForceLaw for Coupled {
         normal: DVec3,
         [above, radius]: [f64; 2],
     ) -> Option<ToolMotion> {
+        if radius == 0.0 || !model.potentials().is_curved() {
+            return None;
+        }
         let mut curvature = [0.0; 6];
         points.each(model, nodes, [n], |potential, [w], _| {
             curvature.iter_mut().zip(potential.curvature).for_each(|(sum, k)| *sum += w * k);
         });
-        if curvature == [0.0; 6] {
-            return None;
-        }
         let tensor = tool_motion(curvature, normal.to_array(), above, radius);
         // No eigenvalue is farther from 1 than the tensor less 1 is long.
         let [xx, xy, xz, yy, yz, zz] = tensor;

@@ -15,9 +15,9 @@
 
 use crate::force_law::{ForceLaw, ToolMotion};
 use crate::kernel::{ElementKernel, Evaluation};
+use crate::walk::Pull;
 use glam::{DVec3, Vec3A};
 use palpate_body::ContactModel;
-use palpate_body::law::inverse;
 
 /// A drive, to be brought within the friction limit.
 #[derive(Debug, Clone, Copy)]
@@ -44,25 +44,25 @@ impl Drive {
         Drive { along, way: along, force, step_bound, noise }
     }
 
-    /// Of a drive for each way of the contact point.
+    /// Of a drive by the contact point's way.
     #[inline(always)]
     fn by_contact_point(vector: DVec3, noise: f64, f: &Evaluation, motion: Option<ToolMotion>) -> Self {
         let Some(motion) = motion else { return Drive::of(vector, noise, f) };
-        let inverse = ToolMotion { tensor: inverse(motion.tensor), ..motion };
-        Drive::of(inverse.moved(vector), noise, f).led_by(&inverse)
+        let (inverse, least) = (motion.inverse(), motion.bounds[0]);
+        let drive = Drive::of(inverse.moved(vector), noise / least, f).moving_by(&inverse);
+        Drive { step_bound: drive.step_bound / least, ..drive }
     }
 
-    /// The same drive, along which the contact point goes by what it is told of M⁻¹.
+    /// The same drive, with the contact point's way by M⁻¹.
     #[inline(always)]
-    fn led_by(self, inverse: &ToolMotion) -> Self {
-        Drive { way: inverse.moved(self.along).normalize_or_zero(), ..self }
+    fn moving_by(self, inverse: &ToolMotion) -> Self {
+        Drive { way: inverse.direction(self.along), ..self }
     }
 
-    /// Its size for each way of the tool, while the contact point goes along the unit vector `v`, N.
+    /// What it pulls, where the tool moves so with the contact point.
     #[inline(always)]
-    pub fn component(&self, v: DVec3, motion: Option<ToolMotion>) -> f64 {
-        let way = motion.map_or(v, |motion| motion.moved(v).normalize_or_zero());
-        self.force * self.along.dot(way)
+    pub fn pull(&self, motion: Option<ToolMotion>) -> Pull {
+        Pull { way: self.way, drive: self.along, motion }
     }
 }
 
@@ -146,7 +146,7 @@ impl Rule for Consistent {
         }
         let guess = Drive::of(f.u_t * f.lateral_force - last_reaction, 0.0, f);
         let guess = match motion {
-            Some(motion) => guess.led_by(&ToolMotion { tensor: inverse(motion.tensor), ..motion }),
+            Some(motion) => guess.moving_by(&motion.inverse()),
             None => guess,
         };
         let inside = n[0] != 0.0 && n[1] != 0.0 && n[2] != 0.0;

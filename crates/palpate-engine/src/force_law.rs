@@ -4,7 +4,7 @@
 use crate::drive::Drive;
 use crate::kernel::{Change, Deflection, Drift, Evaluation, Reading};
 use glam::DVec3;
-use palpate_body::law::{Symmetric, moved};
+use palpate_body::law::{Symmetric, inverse, moved};
 use palpate_body::{ContactModel, Gradients, Node, PointEnergies};
 use std::array::from_fn;
 
@@ -198,5 +198,18 @@ impl ToolMotion {
     #[inline(always)]
     pub fn moved(&self, v: DVec3) -> DVec3 {
         DVec3::from_array(moved(&self.tensor, v.to_array()))
+    }
+
+    /// Its direction.
+    #[inline(always)]
+    pub fn direction(&self, v: DVec3) -> DVec3 {
+        self.moved(v).normalize_or_zero()
+    }
+
+    /// M⁻¹.
+    #[inline(always)]
+    pub fn inverse(&self) -> Self {
+        let [least, most] = self.bounds;
+        ToolMotion { tensor: inverse(self.tensor), bounds: [1.0 / most, 1.0 / least] }
     }
 }

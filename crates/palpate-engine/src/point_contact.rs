@@ -28,7 +28,7 @@ use crate::kernel::{ElementKernel, Evaluation, Setting};
 use crate::output::{ContactPoint, Ledger, Output};
 use crate::sensitivity;
 use crate::slip::{self, ComplianceEstimate, End};
-use crate::walk::{Rates, StartDirection, start_direction, walk};
+use crate::walk::{Pull, Rates, StartDirection, start_direction, walk};
 use glam::DVec3;
 use palpate_body::{ContactModel, Nearest, SlipRule, SurfacePoint, Touch};
 
@@ -539,7 +539,9 @@ impl PointContact {
         // How far W is allowed for sure, by how much it stays below there, and where it is too much.
         let (mut low, mut below) = ((0.0, start), allowed - self.energy.stored_j);
         let (mut high, mut above) = (way.length(), evaluation.energy - allowed);
-        let from = match start_direction(body, start, |_| if step.budget.cross() { v } else { DVec3::ZERO }) {
+        let from = match start_direction(body, start, |_| {
+            Pull::straight(if step.budget.cross() { v } else { DVec3::ZERO })
+        }) {
             StartDirection::Along(there) => Some(there),
             _ => None,
         };
@@ -584,7 +586,9 @@ impl PointContact {
         if way.length() <= most {
             return slipped;
         }
-        *at = match start_direction(body, held, |_| if step.budget.cross() { v } else { DVec3::ZERO }) {
+        *at = match start_direction(body, held, |_| {
+            Pull::straight(if step.budget.cross() { v } else { DVec3::ZERO })
+        }) {
             StartDirection::Along(there) => {
                 let rates = Rates::new(body.corners(there.element), v);
                 walk(body, there, v, most, rates, &mut step.budget).0

@@ -85,12 +85,16 @@ fn measured<L: ForceLaw, R: Rule>(
     let stick = drift.normal_slope.max(drift.lateral_stiffness);
     let f = kernel.evaluate(at.n, tool_position);
     let drive = R::drive(&mut kernel, at.n, &f);
+    // By the contact point's way it is W's slope, and its own slope symmetric where W is all.
+    let free = drive.force <= NO_DRIVE * f.lateral_slope;
     let mut slope = |rates: [f64; 3], dx: DVec3| {
         let [up, down] = [STEP, -STEP].map(|s| {
             let n = [at.n[0] + s * rates[0], at.n[1] + s * rates[1], at.n[2] + s * rates[2]];
             let f = kernel.evaluate(n, tool_position + dx * s);
             let drive = R::drive(&mut kernel, n, &f);
-            (f.force(), drive.along * drive.force, f.limit)
+            let by_contact_point = R::motion(&kernel, n, &f).filter(|_| free);
+            let d = drive.along * drive.force;
+            (f.force(), by_contact_point.map_or(d, |motion| motion.moved(d)), f.limit)
         });
         let per = 0.5 / STEP;
         ((up.0 - down.0) * per, (up.1 - down.1) * per, (up.2 - down.2) * per)
@@ -99,7 +103,7 @@ fn measured<L: ForceLaw, R: Rule>(
     let over = |v: DVec3| Rates::new(corners, v).each();
     let in_tool_position = DVec3::AXES.map(|axis| slope([0.0; 3], axis));
 
-    if drive.force > NO_DRIVE * f.lateral_slope {
+    if !free {
         // φ = d·v − L, v the drive's direction, while c goes its way.
         let v = drive.along;
         let (force, d, limit) = slope(over(drive.way), DVec3::ZERO);

@@ -6,7 +6,7 @@ use crate::drive::{Drive, Rule};
 use crate::flags::Flags;
 use crate::force_law::ForceLaw;
 use crate::kernel::{ElementKernel, Evaluation};
-use crate::walk::{StartDirection, Stop, start_direction, walk};
+use crate::walk::{Pull, StartDirection, Stop, start_direction, walk};
 use glam::{DMat3, DVec3};
 use palpate_body::SurfacePoint;
 use std::marker::PhantomData;
@@ -196,19 +196,24 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
         }
         let (body, setting, tool_position, budget) =
             (self.kernel.body, self.kernel.setting, self.tool_position, &mut *self.budget);
-        let start = if R::CONTINUOUS && setting.is_continuous() && !body.has_creases() {
-            start_direction(body, *self.at, |_| if budget.cross() { drive.way } else { DVec3::ZERO })
-        } else {
-            start_direction(body, *self.at, |there| {
-                if budget.is_spent() {
-                    return DVec3::ZERO;
-                }
-                budget.evaluate();
-                let mut kernel = ElementKernel::<L>::new(body, setting, there.element);
-                let evaluation = kernel.evaluate(there.n, tool_position);
-                R::drive(&mut kernel, there.n, &evaluation).way
-            })
-        };
+        let start =
+            if R::CONTINUOUS && setting.is_continuous() && !body.has_creases() {
+                let pull = drive.pull(R::motion(self.kernel, self.at.n, self.evaluation));
+                start_direction(body, *self.at, |_| {
+                    if budget.cross() { pull } else { Pull::straight(DVec3::ZERO) }
+                })
+            } else {
+                start_direction(body, *self.at, |there| {
+                    if budget.is_spent() {
+                        return Pull::straight(DVec3::ZERO);
+                    }
+                    budget.evaluate();
+                    let mut kernel = ElementKernel::<L>::new(body, setting, there.element);
+                    let evaluation = kernel.evaluate(there.n, tool_position);
+                    let drive = R::drive(&mut kernel, there.n, &evaluation);
+                    drive.pull(R::motion(&kernel, there.n, &evaluation))
+                })
+            };
         // Not all of the directions were tried.
         if self.budget.is_spent() {
             return Err(End::Capped);
@@ -406,7 +411,10 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
     /// The drive while the contact point goes along `v`, N.
     #[inline(always)]
     fn component(&self, v: DVec3) -> f64 {
-        self.drive.component(v, R::motion(self.kernel, self.at.n, self.evaluation))
+        if v == self.drive.way {
+            return self.drive.force;
+        }
+        self.drive.force * self.drive.pull(R::motion(self.kernel, self.at.n, self.evaluation)).along(v)
     }
 
     /// How fast slip along `v` takes the drive to its limit, N/m.

@@ -1,6 +1,7 @@
 //! Moving the contact point over the facets.
 
 use crate::budget::Budget;
+use crate::force_law::ToolMotion;
 use glam::DVec3;
 use palpate_body::{ContactModel, SurfacePoint};
 
@@ -151,13 +152,36 @@ pub(crate) fn walk(
     }
 }
 
-/// Where the drive can take a contact point that may stand on an edge or a vertex. `drive` gives the drive as seen
+/// What pulls a contact point.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Pull {
+    /// Where to, a unit vector, or zero.
+    pub way: DVec3,
+    /// The drive's direction, likewise.
+    pub drive: DVec3,
+    /// How the tool moves with the contact point; `None`: as it does.
+    pub motion: Option<ToolMotion>,
+}
+
+impl Pull {
+    /// Straight along `v`.
+    pub fn straight(v: DVec3) -> Self {
+        Pull { way: v, drive: v, motion: None }
+    }
+
+    /// What of it pulls along a unit vector.
+    pub fn along(&self, edge: DVec3) -> f64 {
+        self.drive.dot(self.motion.map_or(edge, |motion| motion.direction(edge)))
+    }
+}
+
+/// Where the drive can take a contact point that may stand on an edge or a vertex. `drive` gives what pulls as seen
 /// from an element, which differs between the sides where the frame does.
 #[inline]
 pub(crate) fn start_direction(
     body: &ContactModel,
     at: SurfacePoint,
-    drive: impl FnMut(SurfacePoint) -> DVec3,
+    drive: impl FnMut(SurfacePoint) -> Pull,
 ) -> StartDirection {
     let on_edge = |i: usize| at.n.get(i).is_some_and(|&n| n == 0.0);
     let zeros = u8::from(on_edge(0)) + u8::from(on_edge(1)) + u8::from(on_edge(2));
@@ -197,11 +221,11 @@ fn from_edge(
     body: &ContactModel,
     at: SurfacePoint,
     opposite: usize,
-    mut drive: impl FnMut(SurfacePoint) -> DVec3,
+    mut drive: impl FnMut(SurfacePoint) -> Pull,
 ) -> StartDirection {
     let corners = body.corners(at.element);
-    let v = drive(at);
-    if !Rates::new(corners, v).falls(opposite) {
+    let pull = drive(at);
+    if !Rates::new(corners, pull.way).falls(opposite) {
         return StartDirection::Along(at);
     }
     let Some((beyond, apex)) = step_over(body, at, opposite) else {
@@ -209,11 +233,11 @@ fn from_edge(
         return if fenced { StartDirection::PatchBoundary } else { StartDirection::Border };
     };
     let seen_from_there = drive(beyond);
-    if !Rates::new(body.corners(beyond.element), seen_from_there).falls(apex) {
+    if !Rates::new(body.corners(beyond.element), seen_from_there.way).falls(apex) {
         return StartDirection::Along(beyond);
     }
     let edge = (pick(corners, opposite + 2) - pick(corners, opposite + 1)).normalize_or_zero();
-    let along = (v + seen_from_there).dot(edge);
+    let along = pull.along(edge) + seen_from_there.along(edge);
     if along == 0.0 { StartDirection::Held } else { StartDirection::Edge(at, edge * along.signum()) }
 }
 
@@ -221,7 +245,7 @@ fn from_vertex(
     body: &ContactModel,
     at: SurfacePoint,
     vertex: usize,
-    mut drive: impl FnMut(SurfacePoint) -> DVec3,
+    mut drive: impl FnMut(SurfacePoint) -> Pull,
 ) -> StartDirection {
     // The steepest way up: a sector that holds the projected drive, else an edge.
     let mut best = (0.0, StartDirection::Held);
@@ -234,20 +258,20 @@ fn from_vertex(
         let here = SurfacePoint { element, n };
         fenced |=
             body.is_patch_boundary(element, corner) || body.is_patch_boundary(element, (corner + 2) % 3);
-        let v = drive(here);
+        let pull = drive(here);
         let corners = body.corners(element);
-        let rates = Rates::new(corners, v);
+        let rates = Rates::new(corners, pull.way);
         let [a, b, c] = [0, 1, 2].map(|i| pick(corners, corner + i));
         if !rates.falls(corner + 1) && !rates.falls(corner + 2) {
             let r = rates.each();
             let velocity = (b - a) * pick(r, corner + 1) + (c - a) * pick(r, corner + 2);
-            let ascent = velocity.dot(v).max(0.0).sqrt();
+            let ascent = velocity.dot(pull.way).max(0.0).sqrt();
             if ascent > best.0 {
                 best = (ascent, StartDirection::Along(here));
             }
         }
         let edge = (b - a).normalize_or_zero();
-        let ascent = v.dot(edge);
+        let ascent = pull.along(edge);
         // An edge counts only where no sector does: a hair's handicap keeps equal sectors before it.
         if ascent > best.0 * (1.0 + 1e-9) {
             best = (ascent, StartDirection::Edge(here, edge));

@@ -5,7 +5,7 @@
 //! the smallest rotation and scaled by the lateral stiffness at each depth.
 
 use crate::between::{Prior, Simulated, Spread, round};
-use crate::curvature::{Curvatures, capacity, counting, scaled};
+use crate::curvature::{Curvatures, capacity, clamped, scaled};
 use crate::error::FitError;
 use crate::fit::{FitReport, PointReport, SAME_DEFLECTION};
 use crate::paths::{PointRecord, check, friction};
@@ -236,11 +236,12 @@ pub fn fit_coupled(
         for (potential, &node) in potentials.iter_mut().zip(&test_point_nodes) {
             let found = curvatures.at(node, potential.tangents);
             alone += usize::from(found.is_none());
-            potential.curvature = counting(found.unwrap_or_default(), radius);
+            potential.curvature = clamped(found.unwrap_or_default(), radius);
         }
         if alone > 0 {
             notes.push(format!(
-                "the surface's elements are longer than the tool is wide at {alone} test points: friction does not count there how curved it is; refine it"
+                "{alone} test points have no other node of the surface within {:.1} mm on the same side: friction does not count there how curved it is",
+                scale * 1e3
             ));
         }
     }

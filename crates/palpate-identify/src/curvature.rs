@@ -105,7 +105,7 @@ impl<'a> Curvatures<'a> {
 }
 
 /// The tensor with eigenvalues that count under a ball of this radius (m; 0: a tool that is none).
-pub(crate) fn counting([a, b, c]: [f64; 3], radius: f64) -> [f64; 3] {
+pub(crate) fn clamped([a, b, c]: [f64; 3], radius: f64) -> [f64; 3] {
     let ([low, high], [least, most]) = (eigenvalues([a, b, c]), curvature_bounds(radius));
     let (to_low, to_high) = (low.clamp(least, most), high.clamp(least, most));
     let (mean, middle) = (0.5 * (low + high), 0.5 * (to_low + to_high));
@@ -151,10 +151,10 @@ mod tests {
 
     #[test]
     fn what_is_curved_more_than_the_tool_counts_as_that() {
-        let [low, high] = eigenvalues(counting([300.0, 50.0, -400.0], 5e-3));
+        let [low, high] = eigenvalues(clamped([300.0, 50.0, -400.0], 5e-3));
         assert!((low + 100.0).abs() < 1e-9 && (high - 200.0).abs() < 1e-9, "{low} {high}");
-        assert_eq!(counting([30.0, 5.0, -40.0], 5e-3), [30.0, 5.0, -40.0]);
-        assert_eq!(counting([300.0, 0.0, 300.0], 5e-3), [200.0, 0.0, 200.0]);
+        assert_eq!(clamped([30.0, 5.0, -40.0], 5e-3), [30.0, 5.0, -40.0]);
+        assert_eq!(clamped([300.0, 0.0, 300.0], 5e-3), [200.0, 0.0, 200.0]);
     }
 
     #[test]

@@ -16,6 +16,7 @@ use palpate_body::law::{
 };
 use palpate_body::{Body, Dual, Number, SlipRule};
 use std::array::from_fn;
+use std::f64::consts::FRAC_PI_2;
 
 /// P is asked of states from this share of the greatest depth on: all forces vanish with the depth, and no
 /// bound of their ratios is known there.
@@ -91,7 +92,7 @@ struct State<T> {
     limit: T,
     friction: T,
     /// M⁻¹ d, what is brought within L, and M⁻² d, along which c goes; the same as d where the tool moves as the contact point does.
-    counted: [T; 3],
+    by_tool: [T; 3],
     way: [T; 3],
 }
 
@@ -107,7 +108,7 @@ impl<T: Copy> State<T> {
             force: self.force.map(of),
             limit: of(self.limit),
             friction: of(self.friction),
-            counted: self.counted.map(of),
+            by_tool: self.by_tool.map(of),
             way: self.way.map(of),
         }
     }
@@ -381,16 +382,16 @@ impl<'a> Place<'a> {
             }
             _ => (lateral, [zero; 3], from_fn(|i| s.u[i] * pulling - own[i])),
         };
-        let (counted, way) = match self.tool_motion(s) {
+        let (by_tool, way) = match self.tool_motion(s) {
             None => (drive, drive),
             Some(tensor) => {
                 let inverse = inverse(tensor);
-                let counted = moved(&inverse, drive);
-                (counted, moved(&inverse, counted))
+                let by_tool = moved(&inverse, drive);
+                (by_tool, moved(&inverse, by_tool))
             }
         };
         let limit = friction * pushing;
-        State { u: s.u, drive, reaction, miss, pushing, force, limit, friction, counted, way }
+        State { u: s.u, drive, reaction, miss, pushing, force, limit, friction, by_tool, way }
     }
 
     /// How the tool moves with the contact point, M; `None`: as it does.
@@ -501,13 +502,15 @@ impl Slip {
         }
         let rounding = Interval::around_zero(rounding);
         state.drive = state.drive.map(|x| x + rounding);
-        // M⁻¹ makes it no more than twice as long.
-        let twice = rounding * 2.0;
-        state.counted = state.counted.map(|x| x + twice);
+        // M⁻¹ makes a vector no more than twice as long, and one of these has √3 of them.
+        let [once, twice] = if over.place.law.curvatures.is_some() { [4.0, 8.0] } else { [1.0; 2] };
+        state.by_tool = state.by_tool.map(|x| x + rounding * once);
+        state.way = state.way.map(|x| x + rounding * twice);
+        noise /= over.place.motion_bounds()[0];
         state.miss = state.miss.map(|x| x + rounding);
         let below = below(over.place.patch.slip);
         let least = (state.limit.lo * below - noise).max(0.0);
-        Slip { size: length(state.counted), state, noise, least, below }
+        Slip { size: length(state.by_tool), state, noise, least, below }
     }
 
     /// Whether a state of the cell can be within the limit.
@@ -532,7 +535,7 @@ pub(super) fn excess(patch: &ElementStates, law: &Coupled, state: &Cell) -> Opti
     let view = patch.view(state);
     let place = Place::new(patch, law, &view, law.pieces(state.depth_m).next()?);
     let state = place.state(&Over::new(&place, state).middle());
-    Some(dot(state.counted, state.counted).sqrt() - state.limit)
+    Some(dot(state.by_tool, state.by_tool).sqrt() - state.limit)
 }
 
 /// As [`Criterion::bound`].
@@ -592,10 +595,11 @@ fn passive(patch: &ElementStates, slip: &Slip, motion: [f64; 2]) -> f64 {
     let dip = (dip.lo.min(dip.lo * cos) - lean * sin).max(-lean);
     // |P d|/|d|, and what t is off P d's direction: by M⁻² and by `aside`.
     let long = (length(flat(state.drive)).lo / size.hi).max(state.u[2].lo);
-    let (v, turn) = (direction([state.drive[0], state.drive[1]]), turn(motion, 2.0, state.u));
+    let (v, turn) = (direction([state.drive[0], state.drive[1]]), turn(motion, 1.0, state.u));
     let together = (v[0] * t[0] + v[1] * t[1]).lo.max(turn.cos());
-    let beside = (v[0] * t[1] - v[1] * t[0]).magnitude().min(turn.sin());
-    let along = long * if turn == 0.0 { cos } else { together * cos - beside * sin };
+    let beside = (v[0] * t[1] - v[1] * t[0]).magnitude().min(turn.min(FRAC_PI_2).sin());
+    let cosine = if turn == 0.0 { cos } else { together * cos - beside * sin };
+    let along = if cosine < 0.0 { cosine } else { long * cosine };
     let at = |share: f64| share * along + (1.0 - share) * dip;
     let missing = length([state.miss[0], state.miss[1], Interval::ZERO]).hi;
     let helps = (t[0] * state.miss[0] + t[1] * state.miss[1]).lo;
@@ -605,11 +609,12 @@ fn passive(patch: &ElementStates, slip: &Slip, motion: [f64; 2]) -> f64 {
     at(low).min(at(high)) + rest
 }
 
-/// How far a vector at right angles to û and what M⁻ᵏ makes of it are apart at most, seen in the element: M's eigenvalues lie between
-/// these (Kantorovich's inequality), and P makes a tangent at most 1/û_z of what it was.
+/// How far a vector at right angles to û and what M⁻ᵏ makes of it are apart at most, seen in the element, up to π: with M's eigenvalues
+/// between these the tangent of half their angle is (s − 1)/(s + 1), s the quotient's power (Kantorovich's inequality), and P, which shortens
+/// one direction by û_z, makes it 1/û_z of that where they lie to both sides of it.
 fn turn([least, most]: [f64; 2], k: f64, u: IntervalVector) -> f64 {
-    let spread = (most / least).powf(0.5 * k);
-    (0.5 * (spread - 1.0 / spread) / u[2].lo).atan()
+    let spread = (most / least).powf(k);
+    2.0 * ((spread - 1.0) / ((spread + 1.0) * u[2].lo)).atan()
 }
 
 /// What slip does to drive and force, and with `M` = 5 what the tool's motion does.
@@ -618,7 +623,7 @@ fn slopes<const M: usize>(over: &Over, slip: &Slip, patch: &ElementStates) -> su
     let of = |k: usize| {
         let at = |v: [[Interval; M]; 3]| v.map(|x| *x.get(k).unwrap_or(&Interval::ZERO));
         Rate {
-            drive: at(rates.counted),
+            drive: at(rates.by_tool),
             force: at(rates.force),
             limit: *rates.limit.get(k).unwrap_or(&Interval::ZERO),
         }
@@ -631,7 +636,7 @@ fn slopes<const M: usize>(over: &Over, slip: &Slip, patch: &ElementStates) -> su
     let own = patch.slip == SlipRule::Exact;
     let turn = turn(
         over.place.motion_bounds(),
-        1.0,
+        0.5,
         if own { [Interval::ZERO, Interval::ZERO, Interval::ONE] } else { state.u },
     );
     let flat = |v: IntervalVector| direction([v[0], v[1]]);
@@ -640,7 +645,7 @@ fn slopes<const M: usize>(over: &Over, slip: &Slip, patch: &ElementStates) -> su
         tool.as_ref(),
         state.u,
         own,
-        (std::iter::once([flat(state.counted), flat(state.way)]), turn),
+        (std::iter::once([flat(state.by_tool), flat(state.way)]), turn),
         state.limit.lo <= 0.0,
         stick,
     )

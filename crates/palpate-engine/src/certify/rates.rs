@@ -24,7 +24,7 @@ pub(super) struct Rate {
 /// What slip does to the drive and the force, from their rates while c moves along x and y of the element
 /// and, if asked for, the tool along x, y and z: along t, v = d/|d| the drive's direction. `own`
 /// drives lie in the element, others at right angles to û;
-/// `ways` are what P v's direction and t can be, and the most that they are apart (below π/2; 0: not at all).
+/// `ways` are what P v's direction and t can be, and the most that they are apart (0: not at all).
 pub(super) fn slope(
     along: &[Rate; 2],
     tool: Option<&[Rate; 3]>,
@@ -45,7 +45,7 @@ pub(super) fn slope(
     let (sin, cos) = turn.sin_cos();
     let across = ((fall[0][0] - fall[1][1]) * 0.5).magnitude().hypot(skew.magnitude())
         + ((fall[0][1] - fall[1][0]) * 0.5).magnitude();
-    let least = eigenvalue.min(eigenvalue * cos) - across * sin;
+    let least = if cos > 0.0 { eigenvalue.min(eigenvalue * cos) - across * sin } else { f64::NEG_INFINITY };
     let eta = |[v, t]: [[Interval; 2]; 2]| {
         let out = lean[0] * v[0] + lean[1] * v[1];
         let size = Interval::ONE.per((Interval::ONE + out.square()).sqrt());

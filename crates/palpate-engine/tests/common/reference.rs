@@ -397,11 +397,11 @@ impl<'a> Reference<'a> {
                 let on = (0..3).filter(|&i| n[i].abs() < 1e-8 && n.iter().all(|&x| x > -1e-8));
                 let velocity = on.map(|i| {
                     let edge = (p[(i + 2) % 3] - p[(i + 1) % 3]).normalize();
-                    edge * way.dot(edge)
+                    edge * drive.dot((motion * edge).normalize())
                 });
                 let velocity = velocity.max_by(|a, b| a.length().total_cmp(&b.length()))?;
-                let drives = drive.dot((motion * velocity).normalize_or_zero()) > reading.limit;
-                drives.then_some((e, velocity))
+                let drives = velocity.length() > reading.limit;
+                drives.then_some((e, velocity * (way.length() / drive.length())))
             };
             let found = around().find_map(holds).or_else(|| around().find_map(along_edge));
             let Some((e, velocity)) = found else { break };
