@@ -411,7 +411,8 @@ impl<L: ForceLaw, R: Rule> Search<'_, '_, L, R> {
     /// The drive while the contact point goes along `v`, N.
     #[inline(always)]
     fn component(&self, v: DVec3) -> f64 {
-        if v == self.drive.way {
+        // Known without M.
+        if v == self.drive.way && v != self.drive.along {
             return self.drive.force;
         }
         self.drive.force * self.drive.pull(R::motion(self.kernel, self.at.n, self.evaluation)).along(v)
