@@ -241,7 +241,13 @@ fn curvatures_are_kept() {
     let mut patch = stored.patch();
     stored.take(&mut patch, body.nodes()[0].position.to_array(), 4, &|| ()).unwrap();
     let near = patch.model().nodes()[0].test_points[0];
-    assert_eq!(patch.model().potentials().at(near, 0).curvature[1..], [-2.0, 30.0]);
+    let [_, k2, k3] = patch.model().potentials().at(near, 0).plane_curvature();
+    assert!(patch.model().potentials().is_curved() && (k2 + 2.0).hypot(k3 - 30.0) < 1e-9, "{k2} {k3}");
+    assert_ne!(body.identity(), coupled(&cube(), 4).identity());
+    // Under a ball no more than its own counts.
+    parts.tool = Tool::Sphere { radius_m: 0.1 };
+    let refused_by_tool = Body::new(parts.clone()).unwrap_err().to_string();
+    assert!(refused_by_tool.contains("its curvature is"), "{refused_by_tool}");
     let bytes = body.to_bytes().unwrap();
     let refused = |bytes: &[u8], words: [&str; 2]| {
         let message = Body::from_bytes(bytes).unwrap_err().to_string();
