@@ -255,7 +255,7 @@ impl Potential {
             }
             check_smooth(i, curve)?;
         }
-        if let Some(k) = self.curvature.iter().find(|k| !(k.abs() <= MOST_CURVED)) {
+        if let Some(k) = self.curvature.iter().find(|k| k.is_nan() || k.abs() > MOST_CURVED) {
             return Err((
                 format!("its curvature is {k:e} /m"),
                 "give 1/m: 20 is a ball of 50 mm, and 0 counts none",
