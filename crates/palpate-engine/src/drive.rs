@@ -145,14 +145,10 @@ impl Rule for Consistent {
             return Paper::drive(kernel, n, f);
         }
         let guess = Drive::of(f.u_t * f.lateral_force - last_reaction, 0.0, f);
-        let guess = match motion {
-            Some(motion) => guess.moving_by(&motion.inverse()),
-            None => guess,
-        };
         let inside = n[0] != 0.0 && n[1] != 0.0 && n[2] != 0.0;
         // Beyond the limit by more than the search's tolerance.
         if inside && f.lateral_force - most > 1.001 * f.limit * farthest && guess.force > 1.001 * f.limit {
-            return guess;
+            return motion.map_or(guess, |motion| guess.moving_by(&motion.inverse()));
         }
         Self::drive(kernel, n, f)
     }
