@@ -283,22 +283,24 @@ fn more_friction_in_the_simulation_shows_where_it_slides_and_hardly_where_it_sti
     }
 }
 
-/// A body whose friction of slip is another than the simulation's coefficient, as on a curved surface.
+/// A body whose slip is not that over a plane: by its friction, which differs from the simulation's coefficient, and by its curvature.
 #[test]
 fn what_curvature_makes_of_friction_has_a_row_of_its_own() {
     let body = coupled(5e-3);
-    let mut curved = body.parts();
-    for p in curved.coupled.iter_mut().flat_map(|law| &mut law.potentials) {
-        p.friction = Curve::blend(&[(7.0 / 6.0, &p.friction)]).unwrap();
+    let friction: fn(&mut Potential) = |p| p.friction = Curve::blend(&[(7.0 / 6.0, &p.friction)]).unwrap();
+    let curvature: fn(&mut Potential) = |p| p.curvature = [60.0, 20.0, 120.0];
+    for (change, most) in [(friction, 0.6), (curvature, 1.2)] {
+        let mut curved = body.parts();
+        curved.coupled.iter_mut().flat_map(|law| &mut law.potentials).for_each(change);
+        let curved = Body::new(curved).unwrap();
+        let at = Trial {
+            friction: trial(&body, History::Coulomb, 12).friction,
+            ..trial(&curved, History::Coulomb, 12)
+        };
+        let v = validate(&curved, &at, &Engine::of(&curved), &|| ()).unwrap();
+        let [own, flat] = [Source::Body, Source::FlatFriction].map(|s| worst(&of(&v, s)));
+        assert!(flat[1] > 5.0 * most && own.iter().all(|e| *e < most), "{own:?} {flat:?}");
     }
-    let curved = Body::new(curved).unwrap();
-    let at = Trial {
-        friction: trial(&body, History::Coulomb, 12).friction,
-        ..trial(&curved, History::Coulomb, 12)
-    };
-    let v = validate(&curved, &at, &Engine::of(&curved), &|| ()).unwrap();
-    let [own, flat] = [Source::Body, Source::FlatFriction].map(|s| worst(&of(&v, s)));
-    assert!(flat[1] > 2.0 && own.iter().all(|e| *e < 0.6), "{own:?} {flat:?}");
     let v = free(&body, &Engine::of(&body), 4);
     assert!(v.sources.iter().all(|s| s.source != Source::FlatFriction));
 }

@@ -49,10 +49,15 @@ fn free_paths_are_simulated_rendered_and_reported() {
     let counted: u64 =
         found["phases"].as_array().unwrap().iter().map(|p| p["states"].as_u64().unwrap()).sum();
     assert_eq!(counted, found["summary"]["states"].as_u64().unwrap());
-    for error in ["normal", "lateral", "size"] {
-        let median = found["summary"][error]["of_largest"]["median"].as_f64().unwrap();
-        assert!(median > 0.0 && median < 60.0, "{error} {median}");
+    // A third more than they are: a law, a fit or a slip rule that loses an ingredient shows here, too.
+    let error = |row: &serde_json::Value, of: &str, part: &str| row[of]["of_largest"][part].as_f64().unwrap();
+    for of in ["normal", "lateral", "size"] {
+        let [median, p95] = ["median", "p95"].map(|part| error(&found["summary"], of, part));
+        assert!(median > 0.0 && median < 4.5 && p95 < 12.5, "{of} {median} {p95}");
     }
+    let row = |name: &str| found["sources"].as_array().unwrap().iter().find(|s| s["source"] == name).unwrap();
+    let of_lateral = ["body", "flat-friction", "without-offset"].map(|s| error(row(s), "lateral", "p95"));
+    assert!(of_lateral[1..].iter().all(|lacking| *lacking > 1.5 * of_lateral[0]), "{of_lateral:?}");
     let surface = |of: &str, part: &str| found[of]["rms_percent"][part].as_f64().unwrap();
     assert!(surface("surface", "median") > 0.0 && surface("surface", "median") < surface("dimple", "median"));
     assert!(found["surface"]["show_through_percent"]["worst"].as_f64().unwrap() < 2.0);

@@ -135,11 +135,14 @@ fn a_patch_pressed_and_moved_along() {
     assert!(worst(&on_block("tied")) < 2e-6);
 }
 
-/// A sphere with Coulomb friction, pressed in by 0.4 radii and moved along until nearly all slips: contact by two different
+/// A sphere with Coulomb friction, pressed in by 0.4 radii and moved along until all slips: contact by two different
 /// integrations and penalties, on elements of a third of the contact's radius.
 #[test]
 fn a_sphere_slides_over_a_block() {
-    assert!(worst(&on_block("sliding")) < 0.012);
+    let found = on_block("sliding");
+    // The last two rows are those in which all slips: docs/verification.md.
+    let (sticks, slides) = found.split_at(found.len() - 2);
+    assert!(worst(sticks) < 0.01 && worst(slides) < 0.032);
 }
 
 /// Within `most` (depth up to which, mm, and error) of FElupe's solution.

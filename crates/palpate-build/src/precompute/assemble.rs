@@ -21,7 +21,7 @@ use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Friction can't be simulated; where the spec says nothing it is this, as of a moist glove on tissue.
+/// Test points are simulated without the spec's friction; where it says nothing it is this, as of a moist glove on tissue.
 const FRICTION: f64 = 0.3;
 /// Stops that a body's provenance tells one by one.
 const TOLD: usize = 200;

@@ -1,6 +1,6 @@
 """A block under combined load, by CalculiX (ccx 2.20): writes block.csv. Needs numpy.
 
-    python block.py FOLDER [CONTACT]    # FOLDER for decks and their output; alone it runs both, five minutes of CPU time
+    python block.py FOLDER [CONTACT]    # FOLDER for decks and their output; alone it runs both, ten minutes of CPU time
 
 Half a block, |x| <= 25, 0 <= y <= 25, -20 <= z <= 0 mm, y = 0 its plane of symmetry, held at z = -20 mm. The cells of a
 grid are each six ten-node tetrahedra around the diagonal from the lowest to the highest corner. Neo-Hookean, mu/2
@@ -25,7 +25,7 @@ Y = [0, 2, 4, 6.5, 10.5, 16.5, 25]
 Z = [0, 2, 4, 6.5, 10, 14.5, 20]
 FRICTION = 0.3
 PENALTY, STICK = 1e9, 1e8  # N/m3; 80 contact moduli over a millimetre, and what is left to slip before it slips
-# Pressed in by 4 mm, then moved by 4 mm along x; a row of the table for each millimetre. (Sliding was solved as far as 2 mm.)
+# Pressed in by 4 mm, then moved by 4 mm along x; a row of the table for each millimetre.
 WAY = [(depth, 0.0) for depth in (1, 2, 3, 4)] + [(4.0, x) for x in (1, 2, 3, 4)]
 STEPS_PER_MM = 2, 4  # pressing, and moving along
 
