@@ -585,10 +585,11 @@ impl<'m, 't> LoadStepper<'m, 't> {
         (self.at.way_to(&target.pose) / (share * size) - 1e-6).ceil().clamp(1.0, MAX_PIECES) * self.finer
     }
 
-    /// Goes to the target, in smaller steps where the whole one fails.
+    /// Goes to the target, in smaller steps where a whole one fails; how often, and what it may cost, is for each of them.
     fn go(&mut self, target: &Target, cancelled: &AtomicBool) -> Result<State, Failure> {
         let (from, mut done, mut cuts) = (self.at, 0.0, 0);
-        let longest = 1.0 / self.pieces(target);
+        let pieces = self.pieces(target);
+        let (longest, limit) = (1.0 / pieces, pieces as u32);
         let mut step = longest;
         let before = self.solver.counts;
         // What was caught while there was friction is held no longer.
@@ -607,9 +608,12 @@ impl<'m, 't> LoadStepper<'m, 't> {
                 Err(failure) => {
                     cuts += 1;
                     let spent = self.solver.counts;
-                    let tired = spent.newton - before.newton > MAX_NEWTON
-                        || spent.cg_iterations - before.cg_iterations > MAX_CG_ITERATIONS;
-                    if tired || cuts > 2 * MAX_CUTS || step < 1.5 * longest / f64::from(1u32 << MAX_CUTS) {
+                    let tired = spent.newton - before.newton > MAX_NEWTON * limit
+                        || spent.cg_iterations - before.cg_iterations > MAX_CG_ITERATIONS * limit;
+                    if tired
+                        || cuts > 2 * MAX_CUTS * limit
+                        || step < 1.5 * longest / f64::from(1u32 << MAX_CUTS)
+                    {
                         return Err(failure);
                     }
                     step /= 2.0;

@@ -292,6 +292,22 @@ fn halving_all_load_steps_changes_little() {
     assert!(slipping[0] < 3.0 && slipping[1] < 8.0);
 }
 
+/// A pose far from the last takes many load steps; where each has to be cut, as on elements of a quarter of the contact's radius, it is reached
+/// like one of several.
+#[test]
+fn a_long_way_to_one_pose_is_gone_as_well_as_in_parts() {
+    let (half, z) = ([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 8.0], [0.0, 1.5, 4.0, 10.0]);
+    let model = half_block(1e-3, &half, &z, Material::isochoric_neo_hookean(YOUNG_PA, 0.45).unwrap());
+    let [at_once, in_parts] = [1, 2].map(|parts| {
+        let way: Vec<DVec3> =
+            (1..=parts).map(|k| DVec3::NEG_Z * (2e-3 * f64::from(k) / f64::from(parts))).collect();
+        let path = led_with(&model, 0.01, &[(0.0, 0.3)], &way);
+        assert_eq!((path.stopped, path.states.len()), (None, way.len()));
+        path.states.last().unwrap().force_n
+    });
+    assert!(at_once.distance(in_parts) < 2e-3 * at_once.length(), "{at_once} {in_parts}");
+}
+
 /// What halving the load steps changes is told: of a press, of one drag of a place, and of every tenth state of a free path; and the
 /// path goes on as if nobody had asked.
 #[test]
