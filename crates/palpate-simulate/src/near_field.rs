@@ -277,10 +277,9 @@ impl Solver<'_> {
             return true;
         }
         let mut chosen = REACHES.iter().map(|reach| contact.nodes_within(self.model, &self.u, *reach));
-        // Too much is near for any: shorter steps would not help, and who calls sees by there being none.
-        self.near = None;
-        let Some(nodes) = chosen.find(|nodes| nodes.len() <= MAX_NODES) else { return false };
-        self.near = Some(NearField::new(&self.model.pattern, nodes, &self.held));
+        let nodes = chosen.find(|nodes| nodes.len() <= MAX_NODES);
+        // None where too much is near: shorter steps would not help, and who calls sees it by that.
+        self.near = nodes.map(|nodes| NearField::new(&self.model.pattern, nodes, &self.held));
         self.refactor_near_field(load)
     }
 

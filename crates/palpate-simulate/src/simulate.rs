@@ -19,7 +19,7 @@ const MAX_CUTS: u32 = 6;
 /// As often before it is solved for all of the body at once.
 const NEAR_FIELD_CUTS: u32 = 2;
 
-/// Newton steps and conjugate-gradient iterations for one state: beyond, a load step that fails is the last. Where a law
+/// Newton steps and conjugate-gradient iterations for one state, for each load step that it takes at least: beyond, one that fails is the last. Where a law
 /// collapses every step fails, and slowly; states that are found at all took a third of this at most.
 const MAX_NEWTON: u32 = 300;
 const MAX_CG_ITERATIONS: u32 = 3000;
