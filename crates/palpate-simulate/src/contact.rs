@@ -85,6 +85,8 @@ pub(crate) struct ToolContact<'t> {
     anchors: Vec<[Option<Anchor>; POINTS]>,
     /// The only faces that are looked at, while there are such.
     watched: Option<Vec<u32>>,
+    /// What the penalties are multiplied with: 1, but on the way to a solution. Friction holds the same forces.
+    pub penalty_scale: f64,
 }
 
 struct Face {
@@ -154,6 +156,7 @@ impl<'t> ToolContact<'t> {
             rule: rule(),
             anchors: Vec::new(),
             watched: None,
+            penalty_scale: 1.0,
         }
     }
 
@@ -186,7 +189,8 @@ impl<'t> ToolContact<'t> {
                 if distance.value >= 0.0 && anchors[q].is_none() {
                     continue;
                 }
-                let grip = anchors[q].map(|anchor| {
+                let grip = anchors[q].map(|mut anchor| {
+                    anchor.limit /= self.penalty_scale;
                     let normal = self.placement.rotation * anchor.normal;
                     let moved = at - self.placement.tip - self.placement.rotation * anchor.place;
                     Grip { anchor, stretch: moved - normal * moved.dot(normal), normal }
@@ -194,7 +198,7 @@ impl<'t> ToolContact<'t> {
                 let touch = Touch {
                     face,
                     shape,
-                    weight: weight * face.area,
+                    weight: weight * face.area * self.penalty_scale,
                     at,
                     distance: distance.value.min(0.0),
                     normal: distance.gradient,

@@ -35,6 +35,10 @@ const YOUNG_ROUNDS: f64 = 3.0;
 /// Newton steps of one balance of the near field.
 const MAX_STEPS: u32 = 40;
 
+/// Where they don't find one the penalties are multiplied with these, one after the other. Under skin thousands of times as stiff as the
+/// fat below, a penalty is so much harder than what gives way there that points flip between stick and slip for ever.
+const PENALTY_SCALES: [f64; 5] = [1e-4, 1e-3, 0.01, 0.1, 1.0];
+
 /// Halvings of one of them.
 const MAX_HALVINGS: u32 = 12;
 
@@ -433,7 +437,18 @@ impl Solver<'_> {
         let mut d = vec![0.0; load.len()];
         contact.watch(Some(&near.index));
         let result = loop {
-            if let Err(failure) = self.balance(&mut near, contact, &load, &start, &mut d, tolerance) {
+            let from = d.clone();
+            let mut found = self.balance(&mut near, contact, &load, &start, &mut d, tolerance);
+            if found.is_err() {
+                let scale = contact.penalty_scale;
+                d = from;
+                found = PENALTY_SCALES.iter().try_for_each(|softer| {
+                    contact.penalty_scale = softer * scale;
+                    self.balance(&mut near, contact, &load, &start, &mut d, tolerance)
+                });
+                contact.penalty_scale = scale;
+            }
+            if let Err(failure) = found {
                 break Err(failure);
             }
             if regrip(contact, &self.u) {

@@ -119,3 +119,42 @@ fn a_load_anywhere_moves_the_body_as_its_stiffness_says() {
     let size = free().map(|n| b[n] * b[n]).sum::<f64>().sqrt();
     assert!(error < 1e-4 * size, "{error} of {size}");
 }
+
+/// A tool a thousand times as hard as its penalties make it, as skin on fat has it, comes upon a body that knows nothing of it yet; with
+/// friction. Newton's method alone finds no balance from there.
+#[test]
+fn a_hard_contact_is_found_by_way_of_softer_ones() {
+    let (model, tool, friction) = (block(), RigidTool::Sphere { radius_m: 0.005 }, Friction::Coulomb(0.3));
+    let force = |depth: f64, penalty_scale: f64| {
+        let placement = Placement::pressing(DVec3::new(0.019, 0.016, 0.02 - depth), DVec3::NEG_Z);
+        let mut contact = ToolContact::new(&model, &tool, placement);
+        contact.penalty_scale = penalty_scale;
+        let mut load = Load::Tool(Box::new(contact));
+        let mut solver = Solver::new(&model, model.held.clone());
+        for _ in 0..40 {
+            assert!(solver.prepare_near_field(&load) && solver.refactor_near_field(&load));
+            let (share, reaction) = solver.imbalance(&load).unwrap();
+            if share < 1e-5 {
+                break;
+            }
+            let Load::Tool(contact) = &mut load else { unreachable!("it is a tool") };
+            let mut regrips = 0;
+            let round = solver.near_field_round(contact, 1e-6 * reaction, |contact, u| {
+                regrips += 1;
+                let changed = contact.limit(&model, u, friction) + contact.catch(&model, u, None, friction);
+                changed < 1e-5 * reaction || regrips > 100
+            });
+            round.unwrap();
+            assert_eq!(contact.penalty_scale, penalty_scale);
+        }
+        assert!(solver.assemble(&load).is_finite());
+        let residual = solver.free_norm(&solver.gradient);
+        let force = load.force(&model, &solver.u, &solver.gradient);
+        assert!(residual < 1e-4 * force.length(), "{residual} N of {force} N");
+        force
+    };
+    for depth in [2e-4, 4e-4] {
+        let [hard, harder] = [30.0, 1000.0].map(|scale| force(depth, scale));
+        assert!(hard.distance(harder) < 0.01 * harder.length(), "{depth} m: {hard} {harder}");
+    }
+}
