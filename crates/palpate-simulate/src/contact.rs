@@ -53,7 +53,7 @@ struct Anchor {
     place: DVec3,
     /// The tool's outward normal there.
     normal: DVec3,
-    /// How far the point can be from the place along the tool before it slips, m; infinite where it sticks.
+    /// How far the point can be from the place along the tool before it slips, with the penalties unscaled, m; infinite where it sticks.
     limit: f64,
 }
 
@@ -395,7 +395,7 @@ impl<'t> ToolContact<'t> {
             caught.push((
                 f,
                 q,
-                Anchor { place, normal, limit },
+                Anchor { place, normal, limit: limit * self.penalty_scale },
                 touch.weight * touch.face.penalty * stretch.min(limit),
             ));
         });
@@ -433,7 +433,7 @@ impl<'t> ToolContact<'t> {
             let (old, new) = (grip.anchor.limit, friction.limit(-touch.distance));
             let stretch = grip.stretch.length();
             changed += touch.weight * touch.face.penalty * (stretch.min(old) - stretch.min(new)).abs();
-            limits.push((f, q, new));
+            limits.push((f, q, new * self.penalty_scale));
         });
         for (f, q, limit) in limits {
             if let Some(anchor) = &mut self.anchors[f][q] {
@@ -453,7 +453,8 @@ impl<'t> ToolContact<'t> {
             let along = grip.stretch - normal * grip.stretch.dot(normal);
             let behind = along.normalize_or_zero() * grip.anchor.limit;
             let place = back * (touch.at - self.placement.tip - behind);
-            slipped.push((f, q, Anchor { place, normal: back * normal, limit: grip.anchor.limit }));
+            let limit = grip.anchor.limit * self.penalty_scale;
+            slipped.push((f, q, Anchor { place, normal: back * normal, limit }));
         });
         for (f, q, anchor) in slipped {
             self.anchors[f][q] = Some(anchor);

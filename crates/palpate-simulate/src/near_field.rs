@@ -35,15 +35,15 @@ const YOUNG_ROUNDS: f64 = 3.0;
 /// Newton steps of one balance of the near field.
 const MAX_STEPS: u32 = 40;
 
-/// Where they don't find one the penalties are multiplied with these, one after the other. Under skin thousands of times as stiff as the
-/// fat below, a penalty is so much harder than what gives way there that points flip between stick and slip for ever.
-const PENALTY_SCALES: [f64; 5] = [1e-4, 1e-3, 0.01, 0.1, 1.0];
-
 /// Halvings of one of them.
 const MAX_HALVINGS: u32 = 12;
 
 /// Sufficient decrease (Armijo).
 const DECREASE: f64 = 1e-4;
+
+/// Where these steps find no balance the penalties are multiplied with these, one after the other. Under skin thousands of times as stiff as the
+/// fat below, a penalty is so much harder than what gives way there that points flip between stick and slip for ever.
+const PENALTY_SCALES: [f64; 5] = [1e-4, 1e-3, 0.01, 0.1, 1.0];
 
 /// The index of a node that is not in it.
 const OUTSIDE: u32 = u32::MAX;
